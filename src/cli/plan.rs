@@ -23,9 +23,13 @@ const LOOKED_AT: u64 = 256 << 20;
 const SLICES: u64 = 64;
 /// Bytes of a voxel between rounds: bits, runs, sums.
 const KEPT_FOR_VOXEL: f64 = 0.3;
+/// More of it where cells are split: distances, basins and saddles.
+const KEPT_FOR_SPLIT: f64 = 0.7;
 /// Processor time of a pass that labels, for each voxel, and of all else for each triangle, in nanoseconds.
 const NS_FOR_VOXEL: f64 = 4.0;
 const NS_FOR_TRIANGLE: f64 = 37.0;
+/// Processor time of splitting cells, for each voxel, in nanoseconds.
+const NS_FOR_SPLIT: f64 = 45.0;
 /// Jobs of a script ask for so many times the memory that is predicted, where the limit is not below: a volume may be denser
 /// than a foam.
 const ROOM: u64 = 4;
@@ -168,12 +172,14 @@ impl Costs {
         let voxels = tiling.dims.voxels();
         let [x, y, layers] = tiling.tiles().map(u64::from);
         let tiles = (x * y * layers).min(surface.triangles);
-        let labelled = u64::from(plan.rounds) - 2;
+        let labelled = if options.min_voxels > 1 { 3 } else { 1 };
+        let split = if options.split.is_some() { 1.0 } else { 0.0 };
         let keeps = options.keep_samples || options.source_filtered.is_some();
         let passes = labelled + u64::from(!keeps);
         let kept = if keeps { sample as f64 } else { 0.0 };
-        let scratch = voxels as f64 * (KEPT_FOR_VOXEL * labelled as f64 + kept);
-        let nanoseconds = voxels as f64 * NS_FOR_VOXEL * labelled as f64
+        let for_voxel = KEPT_FOR_VOXEL * labelled as f64 + KEPT_FOR_SPLIT * split;
+        let scratch = voxels as f64 * (for_voxel + kept);
+        let nanoseconds = voxels as f64 * (NS_FOR_VOXEL * labelled as f64 + NS_FOR_SPLIT * split)
             + surface.triangles as f64 * NS_FOR_TRIANGLE;
         Costs {
             plan,

@@ -1,6 +1,8 @@
 //! Every component, cell and surface of the volume, with the sums over its voxels and triangles.
 
-use crate::convert::cells::{GivenCells, Opening};
+use crate::convert::cells::{
+    CellIds, CellInComponent, GivenCells, KnownCells, Opening, each_in_component,
+};
 use crate::convert::id_places::IdPlaces;
 use crate::convert::label::{EndedComponents, Labelled};
 use crate::convert::memory::FOR_EACH_TABLE;
@@ -41,7 +43,7 @@ pub struct Components {
 
 /// What more is known of a cell that is a part of a component.
 #[repr(C)]
-#[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Pod, Zeroable)]
 pub struct PartRecord {
     /// The component, or [`SEVERAL`].
     pub component: u64,
@@ -51,12 +53,24 @@ pub struct PartRecord {
     first_surface: u64,
 }
 
+impl PartRecord {
+    /// Adds what is known of the cell elsewhere, but for its first surface.
+    pub fn merge(&mut self, other: &PartRecord) {
+        if self.component == 0 {
+            self.component = other.component;
+        }
+        self.largest_neck = self.largest_neck.max(other.largest_neck);
+    }
+}
+
 /// What is known where cells are parts of components.
 pub struct Given {
     /// The cells.
-    pub cells: GivenCells,
-    /// Components of voxels below; record i has id i + 1.
+    pub cells: KnownCells,
+    /// Components of voxels below.
     pub components: RecordTable<ComponentRecord>,
+    /// The places of their ids.
+    pub places: IdPlaces,
     /// What more is known of each cell, by the places of their ids.
     pub parts: RecordTable<PartRecord>,
 }
@@ -64,8 +78,7 @@ pub struct Given {
 impl Given {
     /// The place of a cell.
     fn place(&self, cell: u64) -> u64 {
-        let place = self.cells.ids.rank(cell);
-        place.expect("cells of pieces and openings have voxels")
+        self.cells.ids.place(cell)
     }
 }
 
@@ -110,22 +123,24 @@ pub fn sum_up(
         labelled,
         resolved,
         meshed,
-        places,
+        mut places,
     } = input;
     let of_each = FOR_EACH_TABLE.of(memory);
-    let counts = resolved.counts;
     let table = |count| RecordTable::new(count, of_each, work);
+    let mut in_components = None;
     let mut components = match cells {
         None => Components::none_yet(places, memory, work)?,
-        Some(cells) => {
-            let count = cells.ids.len();
+        Some(GivenCells { known, parts, .. }) => {
+            in_components = Some(parts);
+            let count = known.ids.len();
             let given = Given {
-                components: table(counts.cells)?,
+                components: table(places.cells.len())?,
+                places: std::mem::take(&mut places.cells),
                 parts: RecordTable::new(count, of_each, work)?,
-                cells,
+                cells: known,
             };
             let mut components = Components {
-                objects: table(counts.objects)?,
+                objects: table(places.objects.len())?,
                 cells: table(count)?,
                 surfaces: RecordTable::new(0, of_each, work)?,
                 places,
@@ -149,7 +164,9 @@ pub fn sum_up(
         }
     }
     components.add_meshes()?;
-    components.add_given()?;
+    if let Some(parts) = in_components {
+        components.add_given(parts)?;
+    }
     Ok(components)
 }
 
@@ -197,16 +214,37 @@ impl Components {
             return Ok(piece.ids.surface);
         };
         let place = given.place(piece.ids.cell);
-        let first = given.parts.get(place)?.first_surface;
-        let [mut low, mut high] = [first, first + self.cells.get(place)?.surfaces];
+        let [mut low, mut high] = match place < given.cells.ids.own() || self.is_numbered_here() {
+            true => {
+                let first = given.parts.get(place)?.first_surface;
+                [first, first + self.cells.get(place)?.surfaces]
+            }
+            // of cells of other parts of the volume, some surfaces are here, behind all others
+            false => [self.places.surfaces.own, self.surfaces.len()],
+        };
+        let key = [piece.ids.cell, piece.ids.object];
         while high - low > 1 {
             let middle = low + (high - low) / 2;
-            match self.surfaces.get(middle)?.object <= piece.ids.object {
+            let found = self.surfaces.get(middle)?;
+            match [found.cell, found.object] <= key {
                 true => low = middle,
                 false => high = middle,
             }
         }
-        Ok(low + 1)
+        Ok(self.places.surfaces.id(low))
+    }
+
+    /// How many cells begin in this part of the volume: the first records of their table.
+    pub fn own_cells(&self) -> u64 {
+        match &self.given {
+            Some(given) => given.cells.ids.own(),
+            None => self.places.cells.own,
+        }
+    }
+
+    /// True if surfaces are numbered by what is in this part of the volume alone.
+    fn is_numbered_here(&self) -> bool {
+        self.places.surfaces.own == self.surfaces.len()
     }
 
     /// Numbers surfaces by cells, then objects.
@@ -236,7 +274,7 @@ impl Components {
         let ids = &given.cells.ids;
         let (mut surface, mut before) = (0, 0);
         pairs.each(|Pair { cell, object }| {
-            let place = ids.rank(cell).expect("cells of pieces have voxels");
+            let place = ids.place(cell);
             self.surfaces
                 .update(surface, |r| (r.cell, r.object) = (cell, object))?;
             self.cells.update(place, |record| record.surfaces += 1)?;
@@ -255,7 +293,7 @@ impl Components {
     fn component(&mut self, above: bool, id: u64) -> (&mut RecordTable<ComponentRecord>, u64) {
         match (above, &mut self.given) {
             (true, _) => (&mut self.objects, self.places.objects.of(id)),
-            (false, Some(given)) => (&mut given.components, id - 1),
+            (false, Some(given)) => (&mut given.components, given.places.of(id)),
             (false, None) => (&mut self.cells, self.places.cells.of(id)),
         }
     }
@@ -291,8 +329,9 @@ impl Components {
                 record.touches_border = u64::from(record.mesh.border_edges > 0);
             })?;
             if let Some(given) = &mut self.given {
+                let place = given.places.of(piece.component);
                 let component = &mut given.components;
-                component.update(piece.component - 1, |r| r.mesh.merge(&piece.sums))?;
+                component.update(place, |r| r.mesh.merge(&piece.sums))?;
             }
         }
         let sorted = |mut ids: Vec<u64>| {
@@ -315,7 +354,8 @@ impl Components {
         }
         if let Some(given) = &mut self.given {
             for component in distinct(|piece| piece.component) {
-                given.components.update(component - 1, |r| r.tiles += 1)?;
+                let place = given.places.of(component);
+                given.components.update(place, |r| r.tiles += 1)?;
             }
         }
         Ok(())
@@ -345,20 +385,18 @@ impl Components {
     }
 
     /// Enters the voxels of cells that are given, and where they touch.
-    fn add_given(&mut self) -> Result<()> {
-        let Some(Given {
-            cells: from,
+    fn add_given(&mut self, in_components: Sorter<CellInComponent>) -> Result<()> {
+        let given = self.given.as_mut().expect("given cells");
+        let Given {
+            cells: KnownCells { ids, openings, .. },
             components,
+            places,
             parts,
-        }) = &mut self.given
-        else {
-            return Ok(());
-        };
-        let (table, ids) = (&mut self.cells, from.ids.clone());
-        let place_of = |cell| ids.rank(cell).expect("cells have voxels");
-        from.openings.each(|opening: Opening| {
+        } = given;
+        let table = &mut self.cells;
+        openings.each(|opening: Opening| {
             opening.cells.into_iter().try_for_each(|cell| {
-                let place = place_of(cell);
+                let place = ids.place(cell);
                 table.update(place, |record| record.necks += 1)?;
                 // NaN is not larger than anything
                 parts.update(place, |part| {
@@ -366,20 +404,19 @@ impl Components {
                 })
             })
         })?;
-        from.take_parts(|part| {
-            let (place, component) = (place_of(part.cell), part.component);
-            let whole = components.get(component - 1)?;
+        each_in_component(in_components, |part| {
+            let (place, component) = (ids.place(part.cell), part.component);
             table.update(place, |record| {
                 // those of the first component, or of one more
                 match record.voxels.voxels {
                     0 => record.voxels = part.sums,
                     _ => record.voxels.merge(&part.sums),
                 }
-                if record.necks == 0 {
-                    // then all of the component is in it
-                    record.voxels.border_euler += whole.voxels.border_euler;
-                }
             })?;
+            if matches!(ids, CellIds::Ranked(_)) {
+                let whole = components.get(places.of(component))?;
+                table.update(place, |record| add_border(record, &whole))?;
+            }
             parts.update(place, |part| {
                 part.component = match part.component {
                     0 => component,
@@ -387,5 +424,54 @@ impl Components {
                 }
             })
         })
+    }
+
+    /// Enters what only components know of cells that were not cut from others, once all is known of both, where components
+    /// were split.
+    ///
+    /// # Errors
+    /// [`crate::Error::Io`].
+    pub fn add_borders(&mut self) -> Result<()> {
+        let Some(given) = &self.given else {
+            return Ok(());
+        };
+        if matches!(given.cells.ids, CellIds::Ranked(_)) {
+            return Ok(());
+        }
+        for place in 0..self.cells.len() {
+            let component = given.parts.get(place)?.component;
+            if component > 0 && self.cells.get(place)?.necks == 0 {
+                let whole = given.components.get(given.places.of(component))?;
+                self.cells
+                    .update(place, |record| add_border(record, &whole))?;
+            }
+        }
+        Ok(())
+    }
+
+    /// Notes where the surfaces of each cell begin, of those that are numbered in this part of the volume.
+    ///
+    /// # Errors
+    /// [`crate::Error::Io`].
+    pub fn note_first_surfaces(&mut self) -> Result<()> {
+        let given = self.given.as_mut().expect("surfaces of given cells");
+        let mut before = 0;
+        for surface in 0..self.places.surfaces.own {
+            let cell = self.surfaces.get(surface)?.cell;
+            if cell != before {
+                before = cell;
+                let place = given.place(cell);
+                let parts = &mut given.parts;
+                parts.update(place, |part| part.first_surface = surface)?;
+            }
+        }
+        Ok(())
+    }
+}
+
+/// Adds what is known of the border of a component to a cell of it, which has all of it unless it was cut.
+fn add_border(cell: &mut ComponentRecord, whole: &ComponentRecord) {
+    if cell.necks == 0 {
+        cell.voxels.border_euler += whole.voxels.border_euler;
     }
 }

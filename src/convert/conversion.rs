@@ -1,7 +1,7 @@
 //! What all stages of a conversion know.
 
 use crate::convert::ConvertOptions;
-use crate::convert::cells::{GivenCells, metric};
+use crate::convert::cells::metric;
 use crate::convert::layers::Layers;
 use crate::convert::mesh::tile_writer::TileWriter;
 use crate::convert::plan::Plan;
@@ -94,14 +94,15 @@ impl Conversion<'_> {
         }
     }
 
-    /// What the manifest says of cells that are parts of components; what only `found` tells is left out without it.
-    pub fn stated_cells(&self, found: Option<&GivenCells>) -> Option<PartsBy> {
+    /// What the manifest says of cells that are parts of components; of what was found, how many voxels are in none, and how
+    /// many cells there are at each ratio.
+    pub fn stated_cells(&self, unlabelled: u64, curve: &[[u64; 2]]) -> Option<PartsBy> {
         let options = self.options;
         if let Some(labels) = &options.labels {
             return Some(PartsBy::Labels {
                 file: labels.file.clone(),
                 checksum: labels.checksum.clone(),
-                unlabelled: found.map(|cells| cells.unlabelled).filter(|&n| n > 0),
+                unlabelled: Some(unlabelled).filter(|&n| n > 0),
             });
         }
         let rule = options.split?;
@@ -114,7 +115,7 @@ impl Conversion<'_> {
             weights: metric.weights(),
             unit: metric.unit(),
             reach: metric.reach(),
-            curve: found.map_or(Vec::new(), |cells| cells.curve.clone()),
+            curve: curve.to_vec(),
         })
     }
 
@@ -158,7 +159,7 @@ impl Conversion<'_> {
             threshold: options.threshold,
             ambiguous: options.ambiguous,
             cap: options.cap,
-            cells: self.stated_cells(None),
+            cells: self.stated_cells(0, &[]),
             dust: None,
             primitives: options.primitives,
             encoding: options.encoding,

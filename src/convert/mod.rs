@@ -415,6 +415,7 @@ fn make(job: &Conversion, work: &Path, checkpointer: &mut Checkpointer) -> Resul
                 places,
             };
             let mut made = sum_up(input, cells, for_tables, work)?;
+            made.add_borders()?;
             if let Some(walls) = swept.walls.take() {
                 add_walls(&mut made, walls, &measured, for_tables, work)?;
             }
@@ -443,7 +444,9 @@ fn make(job: &Conversion, work: &Path, checkpointer: &mut Checkpointer) -> Resul
     if all_seen && totals.surfaces > 0 {
         warnings.extend(job.watch.kind().map(|kind| kind.warning()));
     }
-    let cells = job.stated_cells(components.given.as_ref().map(|given| &given.cells));
+    let found = components.given.as_ref().map(|given| &given.cells);
+    let found = found.map_or((0, &[][..]), |found| (found.unlabelled, &found.curve[..]));
+    let cells = job.stated_cells(found.0, found.1);
     let of_parts = cells.as_ref();
     warnings.extend(of_parts.and_then(|parts| warnings_of_parts(parts, totals.cells)));
     warnings

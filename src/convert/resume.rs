@@ -137,7 +137,7 @@ pub fn complete(job: &Conversion, out: &Path) -> Option<Made> {
     let same = Manifest {
         dust: found.dust,
         // as much of it as is known before
-        cells: same_cells(job.stated_cells(None), found.cells.as_ref()),
+        cells: same_cells(job.stated_cells(0, &[]), found.cells.as_ref()),
         // levels are made of a set that is whole
         lod: found.lod.clone(),
         ..job.manifest(found.totals)

@@ -110,12 +110,16 @@ pub fn write_tables(
             if let Some(given) = &components.given {
                 let rows = OfPhase {
                     table: &given.components,
-                    ids: &IdPlaces::all(given.components.len()),
+                    ids: &given.places,
                     above: false,
-                    has_titles: true,
+                    has_titles: components.has_titles,
                 };
                 bytes += write_components(&work.join(COMPONENTS), &rows, placement, stop)?;
-                bytes += write_necks(&work.join(NECKS), &given.cells.openings, placement)?;
+                let openings = ListOf {
+                    records: &given.cells.openings,
+                    has_titles: components.has_titles,
+                };
+                bytes += write_necks(&work.join(NECKS), openings, placement)?;
             }
             if let Some(known) = &components.walls {
                 bytes += write_walls(&work.join(WALLS), &known.walls, placement)?;
@@ -154,10 +158,7 @@ fn write_cells(
     let ids = &components.places.cells;
     let rows = Rows {
         table: &components.cells,
-        count: match &components.given {
-            Some(_) => components.cells.len(),
-            None => ids.own,
-        },
+        count: components.own_cells(),
     };
     let titles = components.has_titles.then_some(&head);
     write_rows(path, titles, rows, stop, |i, record, row| {
@@ -195,7 +196,7 @@ fn more_of(
 }
 
 /// Writes `necks.csv` and returns its size.
-fn write_necks(path: &Path, openings: &SpillFile, place: &Placement) -> Result<u64> {
+fn write_necks(path: &Path, openings: ListOf, place: &Placement) -> Result<u64> {
     let known = |value: f64| (!value.is_nan()).then_some(value);
     write_list(
         path,
@@ -215,6 +216,10 @@ fn write_necks(path: &Path, openings: &SpillFile, place: &Placement) -> Result<u
 /// Writes `walls.csv` and returns its size.
 fn write_walls(path: &Path, walls: &SpillFile, place: &Placement) -> Result<u64> {
     let finest = finest(place);
+    let walls = ListOf {
+        records: walls,
+        has_titles: true,
+    };
     write_list(path, &WALL_COLUMNS, walls, place.unit, |wall: Wall| {
         WallRow {
             cells: wall.cells,
@@ -226,11 +231,18 @@ fn write_walls(path: &Path, walls: &SpillFile, place: &Placement) -> Result<u64>
     })
 }
 
-/// Writes a table without ids, a row for each record, and returns its size.
+/// Records that get a row each.
+#[derive(Clone, Copy)]
+struct ListOf<'a> {
+    records: &'a SpillFile,
+    has_titles: bool,
+}
+
+/// Writes a table without ids and returns its size.
 fn write_list<T: bytemuck::Pod, R>(
     path: &Path,
     columns: &[Column<R>],
-    records: &SpillFile,
+    list: ListOf,
     unit: Unit,
     row_of: impl Fn(T) -> R,
 ) -> Result<u64> {
@@ -238,8 +250,11 @@ fn write_list<T: bytemuck::Pod, R>(
     let file = File::create(path).map_err(|e| Error::io(path, "create", e))?;
     let mut out = BufWriter::new(file);
     let mut bytes = 0;
-    let mut text = titles(columns, unit);
-    text.push('\n');
+    let mut text = String::new();
+    if list.has_titles {
+        text = titles(columns, unit);
+        text.push('\n');
+    }
     let mut put = |text: &mut String| {
         bytes += text.len() as u64;
         let put = out.write_all(text.as_bytes()).map_err(failed);
@@ -247,7 +262,7 @@ fn write_list<T: bytemuck::Pod, R>(
         put
     };
     put(&mut text)?;
-    records.each(|record: T| {
+    list.records.each(|record: T| {
         let started = false;
         Row {
             text: &mut text,

@@ -43,10 +43,7 @@ impl ScannedSums {
             volume6: self.caps.volume6,
             voxels_nan: self.nan,
             objects: components.places.objects.own,
-            cells: match &components.given {
-                Some(_) => components.cells.len(),
-                None => components.places.cells.own,
-            },
+            cells: components.own_cells(),
             necks: components
                 .given
                 .as_ref()
@@ -58,7 +55,7 @@ impl ScannedSums {
             components: components
                 .given
                 .as_ref()
-                .map_or(0, |given| given.components.len()),
+                .map_or(0, |given| given.places.own),
             surfaces: components.places.surfaces.own,
             ..written
         };

@@ -9,6 +9,7 @@ use crate::labels::Span;
 use crate::sys::spill_file::{Mark, Place, SpillFile};
 use crate::sys::temp_file::unnamed;
 use std::fs::File;
+use std::ops::Range;
 use std::os::unix::fs::FileExt;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -60,6 +61,8 @@ pub fn label_below_0(cell: u64) -> Option<i64> {
 #[derive(Debug)]
 struct Files {
     dims: Dims,
+    /// The first slice that has rows there.
+    first_z: u32,
     pieces: SpillFile,
     rows: File,
     dir: PathBuf,
@@ -81,8 +84,13 @@ impl CellRowsWriter {
     /// # Errors
     /// [`Error::Io`], here and below.
     pub fn new(dims: Dims, dir: &Path) -> Result<Self> {
+        Self::of_slices(dims, 0..dims.0[2], dir)
+    }
+
+    /// The same of some slices alone.
+    pub fn of_slices(dims: Dims, slices: Range<u32>, dir: &Path) -> Result<Self> {
         let rows = unnamed(dir).map_err(|e| failed(dir, e))?;
-        Self::on(dims, SpillFile::new(dir)?, rows, dir)
+        Self::on(dims, slices, SpillFile::new(dir)?, rows, dir)
     }
 
     /// The same in these files, which are begun anew.
@@ -90,15 +98,23 @@ impl CellRowsWriter {
         let mut options = File::options();
         let options = options.create(true).truncate(true).read(true).write(true);
         let file = options.open(rows).map_err(|e| failed(rows, e))?;
-        Self::on(dims, SpillFile::create(pieces)?, file, rows)
+        Self::on(dims, 0..dims.0[2], SpillFile::create(pieces)?, file, rows)
     }
 
-    fn on(dims: Dims, pieces: SpillFile, rows: File, dir: &Path) -> Result<Self> {
-        rows.set_len(bytes_of_rows(dims))
+    fn on(
+        dims: Dims,
+        slices: Range<u32>,
+        pieces: SpillFile,
+        rows: File,
+        dir: &Path,
+    ) -> Result<Self> {
+        let [nx, ny, _] = dims.0;
+        rows.set_len(bytes_of_rows(Dims([nx, ny, slices.len() as u32])))
             .map_err(|e| failed(dir, e))?;
         Ok(CellRowsWriter {
             files: Files {
                 dims,
+                first_z: slices.start,
                 pieces,
                 rows,
                 dir: dir.to_path_buf(),
@@ -112,7 +128,7 @@ impl CellRowsWriter {
     /// Adds the pieces of a row, by rising x, from voxel 0 on.
     pub fn push(&mut self, y: u32, z: u32, pieces: &[CellPiece]) -> Result<()> {
         debug_assert!(pieces.first().is_some_and(|piece| piece.start() == 0));
-        let number = row_number(self.files.dims, y, z);
+        let number = row_number(self.files.dims, y, z - self.files.first_z);
         let (first, places) = &self.waiting;
         if first + places.len() as u64 != number || places.len() == AT_ONCE {
             self.write_places()?;
@@ -188,6 +204,7 @@ impl CellRows {
             start: [0; 3],
             files: Arc::new(Files {
                 dims,
+                first_z: 0,
                 pieces,
                 rows: file,
                 dir: rows.to_path_buf(),
@@ -250,7 +267,8 @@ impl CellRows {
         let [_, start_y, start_z] = self.start;
         let mut places = vec![0u64; span.rows()];
         for z in span.z.clone() {
-            let first = row_number(self.files.dims, span.y.start + start_y, z + start_z);
+            let z = z + start_z - self.files.first_z;
+            let first = row_number(self.files.dims, span.y.start + start_y, z);
             self.files
                 .rows
                 .read_exact_at(bytemuck::cast_slice_mut(&mut places), 8 * first)

@@ -31,6 +31,7 @@ impl ComponentRecord {
         // a record of which nothing is known is zero, which the bounds of no voxels are not
         match self.voxels == VoxelSums::zeroed() {
             true => self.voxels = *sums,
+            false if *sums == VoxelSums::zeroed() => {}
             false => self.voxels.merge(sums),
         }
     }

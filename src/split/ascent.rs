@@ -228,12 +228,18 @@ pub struct Piece {
 }
 
 /// The pieces of rows.
-#[derive(Debug, Clone, Default, PartialEq, Eq)]
+#[derive(Debug, Clone, PartialEq, Eq)]
 pub struct RowPieces {
     /// Where each row begins, and where the last one ends.
     pub rows: Vec<u32>,
     /// All of them, by row and x.
     pub pieces: Vec<Piece>,
+}
+
+impl Default for RowPieces {
+    fn default() -> Self {
+        RowPieces::new()
+    }
 }
 
 impl RowPieces {

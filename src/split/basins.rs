@@ -11,6 +11,7 @@ use super::distance::Block;
 use super::grid::Place;
 use super::metric::Peak;
 use super::numbers::Numbers;
+use super::seam::BasinSeam;
 use crate::error::Result;
 use crate::labels::UnionFind;
 
@@ -65,6 +66,13 @@ pub struct SlabClasses {
     pub of_end: Vec<Vec<u32>>,
 }
 
+/// Ends outside of a slab: band and end.
+#[derive(Debug, Default)]
+struct Leaving {
+    up: Vec<(usize, u32)>,
+    down: Vec<(usize, u32)>,
+}
+
 /// What is kept between slabs.
 #[derive(Debug)]
 pub struct Carried {
@@ -75,7 +83,19 @@ pub struct Carried {
     last_slice: Vec<RowPieces>,
     /// Ways that leave the last slice upwards: the voxels to which they go, and whose they are.
     upwards: Vec<(u64, u32)>,
+    /// What is below the first slab.
+    below: FirstSlice,
     sets: UnionFind,
+}
+
+/// The first slice of all slabs, with numbers of classes.
+#[derive(Debug, Default)]
+struct FirstSlice {
+    rows: RowPieces,
+    /// The class of each number in the rows.
+    classes: Vec<u64>,
+    /// Ways that leave it downwards: the voxels to which they go, and the classes whose they are.
+    downwards: Vec<[u64; 2]>,
 }
 
 impl Carried {
@@ -86,8 +106,38 @@ impl Carried {
             live: Vec::new(),
             last_slice: Vec::new(),
             upwards: Vec::new(),
+            below: FirstSlice::default(),
             sets: UnionFind::default(),
         }
+    }
+
+    /// What reaches the first slice and the last one, of slabs of which all are joined; `basins` has the basin of each class.
+    ///
+    /// # Errors
+    /// [`crate::Error::Io`] if the file of numbers fails.
+    pub fn seam(&mut self, basins: &mut Numbers) -> Result<BasinSeam> {
+        let mut of_class = |classes: &[u64]| -> Result<Vec<u64>> {
+            classes.iter().map(|&class| basins.get(class)).collect()
+        };
+        let FirstSlice {
+            rows,
+            classes,
+            downwards,
+        } = std::mem::take(&mut self.below);
+        let [low, high] = [of_class(&classes)?, of_class(&self.live)?];
+        let targets = |exits: &[[u64; 2]]| exits.iter().map(|exit| exit[0]).collect::<Vec<u64>>();
+        let leave: Vec<u64> = downwards.iter().map(|exit| exit[1]).collect();
+        let down = targets(&downwards).into_iter().zip(of_class(&leave)?);
+        let up = self.upwards.iter();
+        let up: Vec<[u64; 2]> = up
+            .map(|&(voxel, live)| [voxel, high[live as usize]])
+            .collect();
+        let mut last = RowPieces::new();
+        for rows in &self.last_slice {
+            (0..rows.len()).for_each(|row| last.push_row(rows.row(row), |live| live));
+        }
+        let down = down.map(|(voxel, basin)| [voxel, basin]).collect();
+        Ok(BasinSeam::of((rows, low), (last, high), down, up))
     }
 
     /// Joins the bands of a slab, by rising y, to classes and goes on to the next slab.
@@ -106,8 +156,11 @@ impl Carried {
         }
         let nodes = *first_node.last().expect("not empty");
         self.sets.reset(nodes as usize);
-        let leaving = self.follow(slab, &bands, &first_node);
+        let Leaving { up, down } = self.follow(slab, &bands, &first_node);
         let mut found = self.number(&bands, &first_node, numbers)?;
+        if slab == 0 && self.grid.goes_on()[0] {
+            self.keep_first(&bands, &found, &down);
+        }
         let node_class =
             |found: &SlabClasses, band: usize, end: u32| found.of_end[band][end as usize];
         for (b, band) in bands.iter().enumerate() {
@@ -116,12 +169,12 @@ impl Carried {
                 found.classes[class as usize].live = true;
             }
         }
-        self.keep(&mut bands, &found, leaving);
+        self.keep(&mut bands, &found, up);
         Ok(found)
     }
 
-    /// Joins ways that leave a block to those that they go on as. Returns the ends above the slab: band and end.
-    fn follow(&mut self, slab: u32, bands: &[BandEnds], first_node: &[u32]) -> Vec<(usize, u32)> {
+    /// Joins ways that leave a block to those that they go on as. Returns those that leave the slab to where none was.
+    fn follow(&mut self, slab: u32, bands: &[BandEnds], first_node: &[u32]) -> Leaving {
         let slices = self.grid.slab(slab);
         let node = |grid: &SlabGrid, voxel: u64| {
             let Place { x, y, z } = grid.place(voxel);
@@ -139,7 +192,7 @@ impl Carried {
         for (voxel, live) in std::mem::take(&mut self.upwards) {
             self.sets.union(live, node(&self.grid, voxel));
         }
-        let mut leaving = Vec::new();
+        let mut leaving = Leaving::default();
         for (b, band) in bands.iter().enumerate() {
             for (end, target) in band.ends.iter().enumerate() {
                 let Place { x, y, z } = self.grid.place(target.voxel);
@@ -147,7 +200,9 @@ impl Carried {
                     continue;
                 }
                 let own = first_node[b] + end as u32;
-                if z < slices.start {
+                if z < slices.start && slab == 0 {
+                    leaving.down.push((b, end as u32));
+                } else if z < slices.start {
                     let below = y / self.grid.band;
                     let row = (y - self.grid.rows(below).start) as usize;
                     let live = self.last_slice[below as usize].at(row, x);
@@ -155,7 +210,7 @@ impl Carried {
                 } else if z < slices.end {
                     self.sets.union(own, node(&self.grid, target.voxel));
                 } else {
-                    leaving.push((b, end as u32));
+                    leaving.up.push((b, end as u32));
                 }
             }
         }
@@ -206,7 +261,7 @@ impl Carried {
         fresh.sort_unstable();
         for (_, root) in fresh {
             class_of_root[root as usize] = found.classes.len() as u32;
-            let number = numbers.push(numbers.len())?;
+            let number = numbers.push_set()?;
             found.classes.push(class(number));
         }
         for (band, range) in bands.iter().zip(first_node.windows(2)) {
@@ -221,6 +276,25 @@ impl Carried {
             found.of_end.push(of_end);
         }
         Ok(found)
+    }
+
+    /// Keeps the classes of the first slice of all.
+    fn keep_first(&mut self, bands: &[BandEnds], found: &SlabClasses, down: &[(usize, u32)]) {
+        let class = |band: usize, end: u32| found.of_end[band][end as usize];
+        let mut rows = RowPieces::new();
+        for (b, band) in bands.iter().enumerate() {
+            let first = &band.slices[0];
+            (0..first.len()).for_each(|row| rows.push_row(first.row(row), |end| class(b, end)));
+        }
+        let exit = |&(b, end): &(usize, u32)| {
+            let number = found.classes[class(b, end) as usize].number;
+            [bands[b].ends[end as usize].voxel, number]
+        };
+        self.below = FirstSlice {
+            rows,
+            classes: found.classes.iter().map(|class| class.number).collect(),
+            downwards: down.iter().map(exit).collect(),
+        };
     }
 
     /// Keeps the classes of the last slice, renumbered among themselves.

@@ -5,6 +5,7 @@
 
 use super::{BitSource, SlabGrid};
 use crate::error::{Error, Result};
+use crate::grid::Dims;
 use crate::progress::Progress;
 use crate::sys::simd::dispatch;
 use crate::sys::temp_file::unnamed;
@@ -51,19 +52,42 @@ pub enum Side {
     Behind,
 }
 
+/// The states of the columns of a slice, a byte for each voxel: steps to the last solid one, at most the reach.
+pub type Columns = Vec<u8>;
+
+/// The states of columns in the slice below and in the one above some slices; unknown where there is none.
+#[derive(Debug, Clone)]
+pub struct Beside {
+    /// In the slice below: how far it is down to a solid voxel.
+    pub before: Columns,
+    /// In the slice above: how far it is up.
+    pub behind: Columns,
+}
+
+impl Beside {
+    /// Of columns of which no solid voxel is known.
+    pub fn unknown(dims: Dims, reach: u8) -> Self {
+        let columns = vec![reach; dims.slice_voxels() as usize];
+        Beside {
+            before: columns.clone(),
+            behind: columns,
+        }
+    }
+}
+
 /// The bits and the states of columns before and behind each slab, in unnamed files.
 #[derive(Debug)]
 pub struct SolidBits {
     grid: SlabGrid,
     dir: PathBuf,
-    /// Rows by z and y, each of whole words.
+    /// Rows by z and y, each of whole words, from the slice below the first one on.
     bits: File,
     /// Slices of one byte a column: before slab 0, behind slab 0, before slab 1, ...
     columns: File,
 }
 
 impl SolidBits {
-    /// Reads all bits of a source.
+    /// Reads all bits of a source, of whose columns `beside` is known.
     ///
     /// # Errors
     /// [`Error::Io`], what the source returns, and [`Error::Interrupted`].
@@ -71,6 +95,7 @@ impl SolidBits {
         source: &mut dyn BitSource,
         grid: SlabGrid,
         reach: u8,
+        beside: Beside,
         dir: &Path,
         progress: &dyn Progress,
     ) -> Result<Self> {
@@ -81,28 +106,39 @@ impl SolidBits {
             bits: made()?,
             columns: made()?,
         };
-        let [_, ny, nz] = grid.dims.0;
-        let mut columns = kept.unknown(reach);
+        let ny = grid.dims.0[1];
+        let ([first, end], [is_below, is_above]) = (grid.slices, grid.goes_on());
         let mut words = vec![0; grid.row_words() * ny as usize];
-        for z in 0..nz {
+        let sides = [
+            (is_below, &beside.before, first.wrapping_sub(1)),
+            (is_above, &beside.behind, end),
+        ];
+        for (_, columns, z) in sides.into_iter().filter(|side| side.0) {
+            kept.solid_of(columns, &mut words);
+            kept.write(&kept.bits, bytemuck::cast_slice(&words), kept.bits_at(0, z))?;
+        }
+        let mut columns = beside.before;
+        for z in first..end {
             if progress.interrupted() {
                 return Err(Error::Interrupted);
             }
-            if z.is_multiple_of(grid.height) {
-                kept.write_columns(z / grid.height, Side::Before, &columns)?;
+            let [slab, s] = grid.slab_of(z);
+            if s == 0 {
+                kept.write_columns(slab, Side::Before, &columns)?;
             }
             source.slice(z, &mut words)?;
             kept.write(&kept.bits, bytemuck::cast_slice(&words), kept.bits_at(0, z))?;
             kept.step_slice(&mut columns, &words, reach);
             progress.advance(1);
         }
-        let mut columns = kept.unknown(reach);
-        for z in (0..nz).rev() {
+        let mut columns = beside.behind;
+        for z in (first..end).rev() {
             if progress.interrupted() {
                 return Err(Error::Interrupted);
             }
-            if z + 1 == nz || (z + 1).is_multiple_of(grid.height) {
-                kept.write_columns(z / grid.height, Side::Behind, &columns)?;
+            let [slab, s] = grid.slab_of(z);
+            if z + 1 == end || s + 1 == grid.height {
+                kept.write_columns(slab, Side::Behind, &columns)?;
             }
             kept.rows(0..ny, z, &mut words)?;
             kept.step_slice(&mut columns, &words, reach);
@@ -115,21 +151,25 @@ impl SolidBits {
         self.grid
     }
 
-    /// Columns of which no solid voxel is known.
-    fn unknown(&self, reach: u8) -> Vec<u8> {
-        vec![reach; self.grid.dims.slice_voxels() as usize]
+    /// The bits of a slice whose columns are in these states.
+    fn solid_of(&self, columns: &[u8], words: &mut [u64]) {
+        words.fill(0);
+        let rows = columns.chunks(self.grid.dims.0[0] as usize);
+        for (row, words) in rows.zip(words.chunks_mut(self.grid.row_words())) {
+            for (x, _) in row.iter().enumerate().filter(|(_, steps)| **steps == 0) {
+                words[x / 64] |= 1 << (x % 64);
+            }
+        }
     }
 
     fn step_slice(&self, columns: &mut [u8], words: &[u64], reach: u8) {
-        let rows = columns.chunks_mut(self.grid.dims.0[0] as usize);
-        dispatch!(step_rows(
-            rows.zip(words.chunks(self.grid.row_words())),
-            reach
-        ));
+        step_slice(&self.grid, columns, words, reach);
     }
 
     fn bits_at(&self, y: u32, z: u32) -> u64 {
-        let row = u64::from(z) * u64::from(self.grid.dims.0[1]) + u64::from(y);
+        // the slice below the first one is there, too
+        let slice = (z + 1).wrapping_sub(self.grid.slices[0]);
+        let row = u64::from(slice) * u64::from(self.grid.dims.0[1]) + u64::from(y);
         row * 8 * self.grid.row_words() as u64
     }
 
@@ -171,6 +211,73 @@ impl SolidBits {
     }
 }
 
+/// Moves the columns of a slice on by a slice with these bits.
+fn step_slice(grid: &SlabGrid, columns: &mut [u8], words: &[u64], reach: u8) {
+    let rows = columns.chunks_mut(grid.dims.0[0] as usize);
+    dispatch!(step_rows(rows.zip(words.chunks(grid.row_words())), reach));
+}
+
+/// What passing some slices does to the states of columns, whatever these were: upwards and downwards.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Passage {
+    /// How many slices there are.
+    pub slices: u32,
+    /// From the last one down to a solid voxel of theirs, at most the reach.
+    pub up: Columns,
+    /// From the first one up.
+    pub down: Columns,
+}
+
+impl Passage {
+    /// That of the slices of a grid.
+    ///
+    /// # Errors
+    /// What the source returns, and [`Error::Interrupted`].
+    pub fn of(
+        source: &mut dyn BitSource,
+        grid: SlabGrid,
+        reach: u8,
+        progress: &dyn Progress,
+    ) -> Result<Self> {
+        let [first, end] = grid.slices;
+        let Beside { before, behind } = Beside::unknown(grid.dims, reach);
+        let (mut up, mut down) = (before, behind);
+        let (nx, row_words) = (grid.dims.0[0] as usize, grid.row_words());
+        let mut words = vec![0; row_words * grid.dims.0[1] as usize];
+        let mut seen = words.clone();
+        for z in first..end {
+            if progress.interrupted() {
+                return Err(Error::Interrupted);
+            }
+            source.slice(z, &mut words)?;
+            step_slice(&grid, &mut up, &words, reach);
+            let steps = (z - first).min(reach.into()) as u8;
+            for (at, (&word, seen)) in words.iter().zip(&mut seen).enumerate() {
+                let mut new = word & !*seen;
+                *seen |= word;
+                while new != 0 {
+                    let x = at % row_words * 64 + new.trailing_zeros() as usize;
+                    down[at / row_words * nx + x] = steps;
+                    new &= new - 1;
+                }
+            }
+        }
+        Ok(Passage {
+            slices: end - first,
+            up,
+            down,
+        })
+    }
+}
+
+/// Takes columns through slices that have such a passage in their direction: whichever solid voxel is nearer.
+pub fn pass(columns: &mut [u8], passage: &[u8], slices: u32, reach: u8) {
+    let slices = slices.min(reach.into()) as u8;
+    for (column, &nearest) in columns.iter_mut().zip(passage) {
+        *column = nearest.min(column.saturating_add(slices).min(reach));
+    }
+}
+
 #[inline(always)]
 fn step_rows<'a>(rows: impl Iterator<Item = (&'a mut [u8], &'a [u64])>, reach: u8) {
     // a loop: what `for_each` calls would be compiled for any processor
@@ -186,6 +293,54 @@ fn failed(dir: &Path, e: std::io::Error) -> Error {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::progress::Quiet;
+
+    struct Slices(Vec<Vec<u64>>);
+
+    impl BitSource for Slices {
+        fn slice(&mut self, z: u32, words: &mut [u64]) -> Result<()> {
+            words.copy_from_slice(&self.0[z as usize]);
+            Ok(())
+        }
+    }
+
+    #[test]
+    fn passages_one_after_the_other_are_those_of_all() {
+        let dims = Dims([70, 3, 23]);
+        let mut state = 1u64;
+        let mut sparse = || {
+            state = state.wrapping_mul(0x5851_f42d_4c95_7f2d).wrapping_add(11);
+            (state >> 7) & (state >> 23) & (state >> 40) & ((1 << 6) - 1)
+        };
+        let mut slices = Slices(
+            (0..23)
+                .map(|_| (0..6).map(|_| sparse()).collect())
+                .collect(),
+        );
+        for reach in [1, 4, 9, u8::MAX] {
+            let of = |slices: &mut Slices, range: Range<u32>| {
+                let grid = SlabGrid::fitting(dims, 1 << 20, 1).of_slices(range);
+                Passage::of(slices, grid, reach, &Quiet).unwrap()
+            };
+            let whole = of(&mut slices, 0..23);
+            for cuts in [vec![0, 23], vec![0, 1, 2, 23], vec![0, 5, 12, 13, 23]] {
+                let parts: Vec<Passage> = cuts
+                    .windows(2)
+                    .map(|c| of(&mut slices, c[0]..c[1]))
+                    .collect();
+                let Beside {
+                    before: mut up,
+                    behind: mut down,
+                } = Beside::unknown(dims, reach);
+                parts
+                    .iter()
+                    .for_each(|part| pass(&mut up, &part.up, part.slices, reach));
+                let behind = parts.iter().rev();
+                behind.for_each(|part| pass(&mut down, &part.down, part.slices, reach));
+                assert_eq!((&up, &down), (&whole.up, &whole.down), "{reach} {cuts:?}");
+            }
+        }
+    }
 
     #[test]
     fn columns_count_steps_from_solid_voxels() {

@@ -7,6 +7,8 @@
 //! memory follows the last slice and not the number of basins.
 
 use super::metric::{Metric, Peak, Saddle};
+use super::necks::Neck;
+use super::seam::OpenBasin;
 use super::touches::Mixer;
 use crate::error::{Error, Result};
 use std::collections::{BTreeMap, HashMap};
@@ -72,6 +74,19 @@ pub struct TreeSaddle {
     pub peak: u32,
 }
 
+impl TreeSaddle {
+    /// As a neck, of which the cells are not known.
+    pub fn neck(&self) -> Neck {
+        Neck {
+            cells: [0; 2],
+            voxel: self.low,
+            level: self.level,
+            peak: self.peak,
+            faces: [0; 3],
+        }
+    }
+}
+
 /// A basin in a slab.
 #[derive(Debug, Clone, Copy)]
 pub struct Arrival {
@@ -83,15 +98,69 @@ pub struct Arrival {
     pub live: bool,
 }
 
+/// A pass between two trees.
 #[derive(Debug, Clone, Copy)]
-struct Edge {
-    basins: [u64; 2],
-    saddle: Saddle,
+pub struct Edge {
+    /// The basins at it.
+    pub basins: [u64; 2],
+    /// Its place in the order of all.
+    pub saddle: Saddle,
+}
+
+/// What is left of a tree whose end is not known yet: the basin that may go on elsewhere, or else that with which the tree
+/// began, and the highest peak that is known.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, bytemuck::Pod, bytemuck::Zeroable)]
+#[repr(C)]
+pub struct RestTree {
+    /// Its name: no other tree has it, but for what is left elsewhere of the same one.
+    pub basin: OpenBasin,
+    /// 1 if a basin of it may go on in slices to come.
+    pub live: u64,
+}
+
+/// The greatest saddle between two of these trees.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, bytemuck::Pod, bytemuck::Zeroable)]
+#[repr(C)]
+pub struct RestEdge {
+    /// The names of the trees.
+    pub trees: [u64; 2],
+    /// The basins at the saddle.
+    pub basins: [u64; 2],
+    voxels: [u64; 2],
+    level: u32,
+    reserved: u32,
+}
+
+impl RestEdge {
+    fn new(trees: [u64; 2], Edge { basins, saddle }: Edge) -> Self {
+        RestEdge {
+            trees,
+            basins,
+            voxels: [saddle.low.voxel, saddle.high],
+            level: saddle.low.level,
+            reserved: 0,
+        }
+    }
+
+    /// The pass.
+    pub fn edge(&self) -> Edge {
+        let [voxel, high] = self.voxels;
+        let level = self.level;
+        Edge {
+            basins: self.basins,
+            saddle: Saddle {
+                low: Peak { level, voxel },
+                high,
+            },
+        }
+    }
 }
 
 /// A tree, and the greatest saddle to each of its neighbours.
 #[derive(Debug, Default)]
 struct Tree {
+    /// The basin with which it began; that which is live, if one is.
+    name: u64,
     /// The highest peak that is known.
     top: Option<Peak>,
     /// True if one of its basins may go on in slabs to come; no more than one does.
@@ -148,7 +217,10 @@ impl Graph {
                     self.trees.len() as u32 - 1
                 })
             });
-            let tree = self.trees[place as usize].get_or_insert_default();
+            let tree = self.trees[place as usize].get_or_insert_with(|| Tree {
+                name: arrival.basin,
+                ..Tree::default()
+            });
             tree.top = tree.top.max(arrival.peak);
             tree.live |= arrival.live;
         }
@@ -156,8 +228,12 @@ impl Graph {
 
     /// Two basins of the slab, or one of it and one that was live before it, touch.
     pub fn touch(&mut self, basins: [u64; 2], saddle: Saddle) {
-        let [a, b] = basins.map(|basin| self.tree_of[&basin]);
-        let edge = Edge { basins, saddle };
+        self.meet(basins, Edge { basins, saddle });
+    }
+
+    /// The trees of these names meet there; they are as they were left after other slabs.
+    pub fn meet(&mut self, trees: [u64; 2], edge: Edge) {
+        let [a, b] = trees.map(|tree| self.tree_of[&tree]);
         tree_mut(&mut self.trees, a).insert(b, edge);
         tree_mut(&mut self.trees, b).insert(a, edge);
     }
@@ -200,6 +276,27 @@ impl Graph {
             .retain(|_, tree| trees[*tree as usize].as_ref().is_some_and(|tree| tree.live));
         self.most = self.most.max(self.trees.len() - self.free.len());
         Ok(())
+    }
+
+    /// What is left when no slab comes here any more, but trees may go on elsewhere: those that are live, and those of which
+    /// it is not known where they end. `is_live` tells whether a basin may go on in slices to come.
+    pub fn into_rest(self, is_live: impl Fn(u64) -> bool) -> (Vec<RestTree>, Vec<RestEdge>) {
+        let (mut trees, mut edges) = (Vec::new(), Vec::new());
+        for (place, tree) in (0..).zip(&self.trees) {
+            let Some(tree) = tree else { continue };
+            trees.push(RestTree {
+                basin: OpenBasin::new(tree.name, tree.top),
+                live: u64::from(is_live(tree.name)),
+            });
+            for (&other, &edge) in tree.edges.iter().filter(|(other, _)| place < **other) {
+                let met = self.trees[other as usize].as_ref();
+                let trees = [tree.name, met.expect("a tree that is known").name];
+                edges.push(RestEdge::new(trees, edge));
+            }
+        }
+        trees.sort_unstable_by_key(|tree| tree.basin.number);
+        edges.sort_unstable_by_key(|edge| edge.trees);
+        (trees, edges)
     }
 
     /// Joins a tree to another one and forgets it; returns the trees whose neighbours changed.

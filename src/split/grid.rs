@@ -9,6 +9,8 @@ use std::ops::Range;
 pub struct SlabGrid {
     /// Size of the volume; axes of one voxel are allowed.
     pub dims: Dims,
+    /// The slices that are cut: the first one, and the one behind the last. All, or those of a part of the volume.
+    pub slices: [u32; 2],
     /// Slices of a slab, from 1 on; the last one may have fewer.
     pub height: u32,
     /// Rows of a band, likewise.
@@ -32,6 +34,7 @@ impl SlabGrid {
         let bytes = |height: u32, band: u32| u64::from(nx) * u64::from(height) * u64::from(band);
         let mut grid = SlabGrid {
             dims,
+            slices: [0, nz],
             height: HEIGHT.min(nz),
             band: ny,
         };
@@ -44,6 +47,14 @@ impl SlabGrid {
         grid
     }
 
+    /// The same of these slices alone.
+    pub fn of_slices(self, slices: Range<u32>) -> Self {
+        SlabGrid {
+            slices: [slices.start, slices.end],
+            ..self
+        }
+    }
+
     /// Words of the bits of a row.
     pub fn row_words(&self) -> usize {
         (self.dims.0[0] as usize).div_ceil(64)
@@ -51,7 +62,8 @@ impl SlabGrid {
 
     /// Number of slabs.
     pub fn slabs(&self) -> u32 {
-        self.dims.0[2].div_ceil(self.height)
+        let [first, end] = self.slices;
+        (end - first).div_ceil(self.height)
     }
 
     /// Number of bands of a slab.
@@ -61,7 +73,21 @@ impl SlabGrid {
 
     /// The slices of a slab.
     pub fn slab(&self, slab: u32) -> Range<u32> {
-        slab * self.height..((slab + 1) * self.height).min(self.dims.0[2])
+        let [first, end] = self.slices;
+        let start = first + slab * self.height;
+        start..(start + self.height).min(end)
+    }
+
+    /// The slab of a slice, and the slice's number in it.
+    pub(super) fn slab_of(&self, z: u32) -> [u32; 2] {
+        let at = z - self.slices[0];
+        [at / self.height, at % self.height]
+    }
+
+    /// True if slices of the volume lie below these, and above them.
+    pub(super) fn goes_on(&self) -> [bool; 2] {
+        let [first, end] = self.slices;
+        [first > 0, end < self.dims.0[2]]
     }
 
     /// The rows of a band.

@@ -16,6 +16,9 @@
 //! 6. `graph`: the tree of these saddles, cut at necks, while slabs come in.
 //! 7. `necks`: the necks with their openings, by cells.
 //!
+//! Parts of a volume do this by themselves (`part`). What they share is joined (`merge`): states of columns before
+//! 1, basins after 4 (`seam`, which have names then, `names`), and what is left of trees after 6.
+//!
 //! The steepest way up and the tree of saddles follow the watershed by topographic distance (Meyer, "Topographic
 //! distance and watershed lines", Signal Processing 38, 1994) and the merge tree of level sets (Carr, Snoeyink and Axen,
 //! "Computing contour trees in all dimensions", Computational Geometry 24, 2003).
@@ -23,23 +26,38 @@
 mod ascent;
 mod basins;
 mod bits;
+mod cells;
 mod distance;
 mod graph;
 mod grid;
+mod judge;
+mod merge;
 mod metric;
+mod names;
 mod necks;
 mod numbers;
+mod part;
 mod run;
+mod seam;
 mod store;
 #[cfg(test)]
 mod tests;
 mod touches;
 
-pub use graph::NeckRule;
+pub use bits::{Beside, Passage, pass};
+pub use cells::{PartPiece, Split, SplitCounts, SplitRows};
+pub use graph::{NeckRule, RestEdge, RestTree, TreeSaddle};
 pub use grid::SlabGrid;
+pub use merge::{BasinMerger, CellMerger, first_names, slice_below};
 pub use metric::Metric;
+pub use names::{BasinNames, SliceBelow};
 pub use necks::Neck;
-pub use run::{PartPiece, Split, SplitCounts, split};
+pub use part::{
+    BASIN_FILES, BasinsFound, JOIN_FILES, KnownBasins, SADDLE_FILES, SaddlesFound, find_basins,
+    find_saddles, rows_of,
+};
+pub use run::split;
+pub use seam::{BasinSeam, OpenBasin};
 
 use crate::error::{Error, Result};
 use crate::grid::Ambiguous;

@@ -1,7 +1,6 @@
 //! Necks: where cells touch that are parts of one component.
 
 use super::metric::Metric;
-use super::numbers::Numbers;
 use super::touches::Touch;
 use crate::error::Result;
 use crate::sys::sorted_spill::{Keyed, Sorter};
@@ -11,7 +10,8 @@ use std::path::Path;
 const ROOM: usize = 1 << 16;
 
 /// The greatest saddle between two cells that touch.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, bytemuck::Pod, bytemuck::Zeroable)]
+#[repr(C)]
 pub struct Neck {
     /// The ids of the cells, the smaller one first.
     pub cells: [u64; 2],
@@ -50,20 +50,9 @@ impl Neck {
     }
 }
 
-/// What is known of a pair of cells.
-#[derive(Debug, Clone, Copy, bytemuck::Pod, bytemuck::Zeroable)]
-#[repr(C)]
-struct PairRecord {
-    cells: [u64; 2],
-    voxel: u64,
-    level: u32,
-    /// 0 unless they were cut from each other at this saddle.
-    peak: u32,
-    faces: [i64; 3],
-}
-
-impl PairRecord {
-    fn merge(&mut self, other: &PairRecord) {
+impl Neck {
+    /// Adds what is known of the same two cells elsewhere.
+    pub fn merge(&mut self, other: &Neck) {
         for (sum, faces) in self.faces.iter_mut().zip(other.faces) {
             *sum += faces;
         }
@@ -75,7 +64,7 @@ impl PairRecord {
     }
 }
 
-impl Keyed for PairRecord {
+impl Keyed for Neck {
     fn key(&self) -> [u64; 2] {
         self.cells
     }
@@ -84,7 +73,7 @@ impl Keyed for PairRecord {
 /// Gathers necks and faces by pairs of cells.
 #[derive(Debug)]
 pub struct NeckSorter {
-    sorter: Sorter<PairRecord>,
+    sorter: Sorter<Neck>,
 }
 
 impl NeckSorter {
@@ -98,60 +87,21 @@ impl NeckSorter {
         })
     }
 
-    /// Takes what is known of two basins; `parts` has the parts of all
-    /// basins. Nothing if these are one cell.
-    fn push(
-        &mut self,
-        basins: [u64; 2],
-        mut record: PairRecord,
-        parts: &mut Numbers,
-    ) -> Result<()> {
-        let [a, b] = [parts.get(basins[0])? + 1, parts.get(basins[1])? + 1];
+    /// Takes what is known of two basins, which are of these cells. Nothing if these are one.
+    pub fn push(&mut self, [a, b]: [u64; 2], mut neck: Neck) -> Result<()> {
         if a == b {
             return Ok(());
         }
         if a > b {
-            record.faces = record.faces.map(|faces| -faces);
+            neck.faces = neck.faces.map(|faces| -faces);
         }
-        record.cells = [a.min(b), a.max(b)];
-        self.sorter.push(record)
-    }
-
-    /// A saddle of the tree.
-    pub fn saddle(&mut self, saddle: &super::graph::TreeSaddle, parts: &mut Numbers) -> Result<()> {
-        let record = PairRecord {
-            cells: [0; 2],
-            voxel: saddle.low,
-            level: saddle.level,
-            peak: saddle.peak,
-            faces: [0; 3],
-        };
-        self.push(saddle.basins, record, parts)
-    }
-
-    /// The greatest saddle of two basins in a block, and their faces.
-    pub fn touch(&mut self, shared: &BasinTouch, parts: &mut Numbers) -> Result<()> {
-        let record = PairRecord {
-            cells: [0; 2],
-            voxel: shared.voxel,
-            level: shared.level,
-            peak: 0,
-            faces: shared.faces,
-        };
-        self.push(shared.basins, record, parts)
+        neck.cells = [a.min(b), a.max(b)];
+        self.sorter.push(neck)
     }
 
     /// Hands on all necks, by rising cells.
-    pub fn finish(self, mut each: impl FnMut(Neck) -> Result<()>) -> Result<()> {
-        self.sorter.finish_merged(PairRecord::merge, |pair| {
-            each(Neck {
-                cells: pair.cells,
-                voxel: pair.voxel,
-                level: pair.level,
-                peak: pair.peak,
-                faces: pair.faces,
-            })
-        })
+    pub fn finish(self, each: impl FnMut(Neck) -> Result<()>) -> Result<()> {
+        self.sorter.finish_merged(Neck::merge, each)
     }
 }
 
@@ -171,6 +121,17 @@ pub struct BasinTouch {
 }
 
 impl BasinTouch {
+    /// As a neck, of which the cells are not known.
+    pub fn neck(&self) -> Neck {
+        Neck {
+            cells: [0; 2],
+            voxel: self.voxel,
+            level: self.level,
+            peak: 0,
+            faces: self.faces,
+        }
+    }
+
     /// What was found in a block.
     pub fn of(touch: &Touch<u64>) -> Self {
         BasinTouch {

@@ -1,6 +1,7 @@
-//! A long list of numbers in a file, of which a few pages are in memory; as parents, they are disjoint sets.
+//! A long list of numbers in a file, of which a few pages are in memory; as steps down to parents, they are disjoint sets.
 //!
-//! The root of a set is its smallest member, as in `labels::union_find`. What is asked for lies near what was asked for
+//! The root of a set is its smallest member, as in `labels::union_find`. A member that was never joined to another one is
+//! 0, as is what was never written, so that many members of which few are joined take little room. What is asked for lies near what was asked for
 //! before, as basins beside each other have numbers beside each other.
 
 use crate::error::{Error, Result};
@@ -56,11 +57,18 @@ impl Numbers {
     /// # Errors
     /// [`Error::Io`].
     pub fn sets(dir: &Path, len: u64) -> Result<Self> {
-        let mut sets = Numbers::new(dir)?;
-        for member in 0..len {
-            sets.push(member)?;
-        }
-        Ok(sets)
+        Ok(Numbers {
+            len,
+            ..Numbers::new(dir)?
+        })
+    }
+
+    /// Appends a set of one member; returns that.
+    ///
+    /// # Errors
+    /// [`Error::Io`].
+    pub fn push_set(&mut self) -> Result<u64> {
+        self.push(0)
     }
 
     /// How many there are.
@@ -137,26 +145,28 @@ impl Numbers {
     /// [`Error::Io`].
     pub fn find(&mut self, mut a: u64) -> Result<u64> {
         loop {
-            let parent = self.get(a)?;
-            let grand = self.get(parent)?;
+            let parent = a - self.get(a)?;
+            let grand = parent - self.get(parent)?;
             if grand == parent {
                 return Ok(parent);
             }
-            self.set(a, grand)?;
+            self.set(a, a - grand)?;
             a = grand;
         }
     }
 
-    /// Joins the sets of two numbers.
+    /// Joins the sets of two numbers. Returns the root that is none any more, if they were two sets.
     ///
     /// # Errors
     /// [`Error::Io`].
-    pub fn union(&mut self, a: u64, b: u64) -> Result<()> {
+    pub fn union(&mut self, a: u64, b: u64) -> Result<Option<u64>> {
         let (a, b) = (self.find(a)?, self.find(b)?);
-        match a == b {
-            true => Ok(()),
-            false => self.set(a.max(b), a.min(b)),
+        if a == b {
+            return Ok(None);
         }
+        let (low, high) = (a.min(b), a.max(b));
+        self.set(high, high - low)?;
+        Ok(Some(high))
     }
 
     /// Replaces the parent of each member by the number of its set, from 0 in the order of their smallest members;
@@ -167,7 +177,7 @@ impl Numbers {
     pub fn number_sets(&mut self) -> Result<u64> {
         let mut sets = 0;
         for member in 0..self.len {
-            let parent = self.get(member)?;
+            let parent = member - self.get(member)?;
             // parents are smaller, so they have their numbers already
             let number = match parent == member {
                 true => {

@@ -1,26 +1,27 @@
-//! The passes over a volume, in their order, and what they give.
+//! The passes over some slices, in their order: all of a volume, or those of a part of it.
 
 use super::ascent::{self, RowPieces, Ways};
 use super::basins::{BandEnds, Carried};
-use super::bits::SolidBits;
+use super::bits::{Beside, SolidBits};
+use super::cells::{Found, Split, Tree};
 use super::distance::{Block, DistanceBuffers, Level, levels};
-use super::graph::{Arrival, Graph, NeckRule, TreeSaddle};
-use super::necks::{BasinTouch, Neck, NeckSorter};
+use super::graph::{Arrival, Graph};
+use super::judge::Judge;
+use super::names::BasinNames;
+use super::necks::BasinTouch;
 use super::numbers::Numbers;
+use super::seam::BasinSeam;
 use super::store::{PieceFile, Store};
 use super::touches::{Touch, Window, grown_rows, touches};
-use super::{BitSource, Metric, SlabGrid, SplitOptions};
+use super::{BitSource, SplitOptions};
 use crate::error::{Error, Result};
 use crate::progress::Progress;
 use crate::sys::locks::lock;
 use crate::sys::simd::threads;
 use crate::sys::spill_file::SpillFile;
 use rayon::prelude::*;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::sync::Mutex;
-
-/// Ratios of the split curve, in thousandths: 0.5, 0.55, ... 0.95.
-const CURVE: [u32; 10] = [500, 550, 600, 650, 700, 750, 800, 850, 900, 950];
 
 /// Splits the cells of a volume. Temporary files without names are made in `dir`: about half a byte for each voxel.
 ///
@@ -33,25 +34,98 @@ pub fn split(
     dir: &Path,
     progress: &dyn Progress,
 ) -> Result<Split> {
+    let beside = Beside::unknown(options.grid.dims, options.metric.reach());
+    let files = Files {
+        dir,
+        have_names: false,
+    };
+    with_passes(source, options, beside, files, progress, |passes| {
+        let Basins { store, count, .. } = passes.basins()?;
+        passes
+            .saddles(store, BasinNames::whole(count))?
+            .into_split(dir)
+    })
+}
+
+/// Where the passes make files.
+#[derive(Debug, Clone, Copy)]
+pub struct Files<'a> {
+    /// The directory.
+    pub dir: &'a Path,
+    /// True if those that others are to read have names.
+    pub have_names: bool,
+}
+
+impl Files<'_> {
+    fn spool(&self, name: &str) -> Result<SpillFile> {
+        match self.have_names {
+            true => SpillFile::create(&self.dir.join(name)),
+            false => SpillFile::new(self.dir),
+        }
+    }
+}
+
+/// Names of the files of saddles and of touches.
+pub const SADDLES: &str = "saddles";
+/// See [`SADDLES`].
+pub const TOUCHES: &str = "touches";
+
+/// Gathers bits, and calls `work` in the threads that are asked for. `beside` is known of the columns of the slices.
+///
+/// # Errors
+/// Those of [`split`].
+pub fn with_passes<R: Send>(
+    source: &mut dyn BitSource,
+    options: &SplitOptions,
+    beside: Beside,
+    files: Files,
+    progress: &dyn Progress,
+    work: impl FnOnce(&Passes) -> Result<R> + Send,
+) -> Result<R> {
     options.check()?;
     let pool = rayon::ThreadPoolBuilder::new()
         .num_threads(threads(options.threads))
         .build()
-        .map_err(|e| Error::io(dir, "start threads", std::io::Error::other(e)))?;
-    let nz = u64::from(options.grid.dims.0[2]);
-    progress.begin("reading", nz);
+        .map_err(|e| Error::io(files.dir, "start threads", std::io::Error::other(e)))?;
+    let [first, end] = options.grid.slices;
+    progress.begin("reading", u64::from(end - first));
     let reach = options.metric.reach();
-    let bits = SolidBits::gather(source, options.grid, reach, dir, progress)?;
+    let bits = SolidBits::gather(source, options.grid, reach, beside, files.dir, progress)?;
     let passes = Passes {
         bits: &bits,
         options,
         ways: Ways::new(&options.metric, options.ambiguous),
-        dir,
+        files,
         progress,
     };
-    match options.metric.cap() <= u32::from(u16::MAX) {
-        true => pool.install(|| passes.all::<u16>()),
-        false => pool.install(|| passes.all::<u32>()),
+    pool.install(|| work(&passes))
+}
+
+/// The basins of some slices.
+pub struct Basins {
+    /// Their voxels by rows.
+    pub store: Store,
+    /// How many there are.
+    pub count: u64,
+    carried: Carried,
+    numbers: Numbers,
+}
+
+impl Basins {
+    /// What those of the first and the last slice tell other slices.
+    ///
+    /// # Errors
+    /// [`Error::Io`].
+    pub fn seam(&mut self) -> Result<BasinSeam> {
+        let mut seam = self.carried.seam(&mut self.numbers)?;
+        for slab in 0..self.store.slabs() {
+            for basin in self.store.basins(slab)? {
+                if let Some(peak) = basin.peak() {
+                    seam.note_peak(basin.number, peak);
+                }
+            }
+        }
+        Ok(seam)
     }
 }
 
@@ -82,18 +156,35 @@ impl<T: Level> Spare<T> {
 }
 
 /// What all passes need.
-struct Passes<'a> {
+pub struct Passes<'a> {
     bits: &'a SolidBits,
     options: &'a SplitOptions,
     ways: Ways,
-    dir: &'a Path,
+    files: Files<'a>,
     progress: &'a dyn Progress,
 }
 
 impl Passes<'_> {
-    fn all<T: Level>(&self) -> Result<Split> {
-        let (store, basins) = self.find_basins::<T>()?;
-        self.find_parts::<T>(store, basins)
+    /// Finds the basins.
+    ///
+    /// # Errors
+    /// [`Error::Io`], [`Error::Interrupted`].
+    pub fn basins(&self) -> Result<Basins> {
+        match self.options.metric.cap() <= u32::from(u16::MAX) {
+            true => self.find_basins::<u16>(),
+            false => self.find_basins::<u32>(),
+        }
+    }
+
+    /// Finds where basins touch, and of the tree of saddles what is known without other slices.
+    ///
+    /// # Errors
+    /// [`Error::Io`], [`Error::Interrupted`].
+    pub fn saddles(&self, store: Store, names: BasinNames) -> Result<Found> {
+        match self.options.metric.cap() <= u32::from(u16::MAX) {
+            true => self.find_saddles::<u16>(store, names),
+            false => self.find_saddles::<u32>(store, names),
+        }
     }
 
     /// Works on blocks, some at once, and takes what comes of them in their order, beside the work on those that follow.
@@ -134,15 +225,17 @@ impl Passes<'_> {
         u64::from(grid.slabs()) * u64::from(grid.bands())
     }
 
-    /// Finds the basins: their voxels by rows, and how many there are.
-    fn find_basins<T: Level>(&self) -> Result<(Store, u64)> {
-        let grid = self.options.grid;
+    fn find_basins<T: Level>(&self) -> Result<Basins> {
+        let (grid, dir) = (self.options.grid, self.files.dir);
         self.progress.begin("basins", self.blocks());
-        let mut numbers = Numbers::new(self.dir)?;
-        let mut store = Store::new(grid, self.dir)?;
+        let mut numbers = Numbers::new(dir)?;
+        let mut store = match self.files.have_names {
+            true => Store::create(grid, dir)?,
+            false => Store::new(grid, dir)?,
+        };
         let mut carried = Carried::new(grid);
         let mut bands = Vec::new();
-        let mut raw = PieceFile::new(self.dir)?;
+        let mut raw = PieceFile::new(dir)?;
         let spare = Spare::<T>::default();
         self.in_order(
             |block| {
@@ -160,29 +253,37 @@ impl Passes<'_> {
                 if bands.len() as u32 == grid.bands() {
                     let bands = std::mem::take(&mut bands);
                     let classes = carried.join(block.slab, bands, &mut numbers)?;
-                    let raw = std::mem::replace(&mut raw, PieceFile::new(self.dir)?);
+                    let raw = std::mem::replace(&mut raw, PieceFile::new(dir)?);
                     store.push(raw, classes, &mut numbers)?;
                 }
                 Ok(())
             },
         )?;
-        let basins = store.finish(&mut numbers)?;
-        Ok((store, basins))
+        let count = store.finish(&mut numbers)?;
+        Ok(Basins {
+            store,
+            count,
+            carried,
+            numbers,
+        })
     }
 
-    /// Finds where basins touch, and joins them to parts.
-    fn find_parts<T: Level>(&self, store: Store, basins: u64) -> Result<Split> {
+    fn find_saddles<T: Level>(&self, store: Store, names: BasinNames) -> Result<Found> {
         let (grid, options) = (self.options.grid, self.options);
         self.progress.begin("necks", self.blocks());
         let mut graph = Graph::default();
-        let mut tree = Tree::new(self, basins)?;
-        let mut met = SpillFile::new(self.dir)?;
+        let mut tree = Tree {
+            judge: Judge::new(options.rule, options.metric),
+            saddles: self.files.spool(SADDLES)?,
+            sets: Numbers::sets(self.files.dir, names.len())?,
+        };
+        let mut met = self.files.spool(TOUCHES)?;
         let spare = Spare::<T>::default();
         self.in_order(
             |block| {
                 let mut buffers = spare.take();
                 let levels = levels(self.bits, &options.metric, block, &mut buffers.distance)?;
-                let (window, numbers) = self.window(&store, block)?;
+                let (window, numbers) = self.window(&store, &names, block)?;
                 let found = touches(&window, &levels, options.ambiguous);
                 buffers.distance.take_back(levels);
                 spare.put(buffers);
@@ -195,36 +296,58 @@ impl Passes<'_> {
             },
             |block, found| {
                 if block.y.start == 0 {
-                    let there_is_more = block.z.end < grid.dims.0[2];
-                    let basins = store.basins(block.slab)?;
-                    graph.begin_slab(basins.into_iter().map(|basin| Arrival {
-                        basin: basin.number,
-                        peak: basin.peak(),
-                        live: basin.is_live() && there_is_more,
-                    }));
+                    begin_slab(&mut graph, &store, &names, &block)?;
                 }
                 for touch in found {
                     graph.touch(touch.basins, touch.saddle);
                     met.push(&[BasinTouch::of(&touch)])?;
                 }
                 match block.y.end == grid.dims.0[1] {
-                    true => graph.end_slab(|saddle| tree.add(saddle)),
+                    true => graph.end_slab(|saddle| tree.add(saddle, &names)),
                     false => Ok(()),
                 }
             },
         )?;
-        tree.finish(store, met, graph.most_trees() as u64)
+        let go_on = names_above(&store, &names)?;
+        let most_trees = graph.most_trees() as u64;
+        // what is read back from now on is in the files
+        tree.saddles.mark()?;
+        met.mark()?;
+        Ok(Found {
+            rest: graph.into_rest(|name| go_on.binary_search(&name).is_ok()),
+            store,
+            names,
+            tree,
+            met,
+            most_trees,
+        })
     }
 
     /// The basins of a block and around it, and their numbers.
-    fn window<'b>(&self, store: &Store, block: &'b Block) -> Result<(Window<'b>, Vec<u64>)> {
+    fn window<'b>(
+        &self,
+        store: &Store,
+        known: &BasinNames,
+        block: &'b Block,
+    ) -> Result<(Window<'b>, Vec<u64>)> {
         let grid = self.options.grid;
-        let below = block.slab.checked_sub(1);
         let of_slab = |slab| -> Result<Vec<u64>> {
             let basins = store.basins(slab)?;
-            Ok(basins.iter().map(|basin| basin.number).collect())
+            Ok(basins
+                .iter()
+                .map(|basin| known.name(basin.number))
+                .collect())
         };
-        let tables = [below.map_or(Ok(Vec::new()), of_slab)?, of_slab(block.slab)?];
+        let below = match block.slab.checked_sub(1) {
+            Some(below) => of_slab(below)?,
+            None => known
+                .below
+                .basins
+                .iter()
+                .map(|basin| basin.number)
+                .collect(),
+        };
+        let tables = [below, of_slab(block.slab)?];
         let mut numbers = tables.concat();
         numbers.sort_unstable();
         numbers.dedup();
@@ -243,6 +366,9 @@ impl Passes<'_> {
                     let row = (z - block.z.start) as usize * block.y.len();
                     let row = own.row(row + (y - block.y.start) as usize);
                     window.pieces.push_row(row, |end| names[end as usize]);
+                } else if z < grid.slices[0] {
+                    let row = known.below.rows.row(y as usize);
+                    window.pieces.push_row(row, |end| names[end as usize]);
                 } else {
                     let row = store.row(y, z)?;
                     window
@@ -255,201 +381,33 @@ impl Passes<'_> {
     }
 }
 
-/// The tree of saddles while it grows.
-struct Tree {
-    rule: NeckRule,
-    metric: Metric,
-    grid: SlabGrid,
-    dir: PathBuf,
-    /// All saddles of the tree.
-    saddles: SpillFile,
-    /// Basins that are one cell.
-    parts: Numbers,
-    /// Basins that are one component.
-    components: Numbers,
-    /// Cuts at each ratio of the curve.
-    cuts: [u64; CURVE.len()],
+/// Tells the graph that the slab of a block begins.
+fn begin_slab(graph: &mut Graph, store: &Store, names: &BasinNames, block: &Block) -> Result<()> {
+    let there_is_more = block.z.end < store.grid().dims.0[2];
+    let basins = store.basins(block.slab)?;
+    let own = basins.iter().map(|basin| Arrival {
+        basin: names.name(basin.number),
+        peak: basin.peak().or_else(|| names.peak(basin.number)),
+        live: basin.is_live() && there_is_more,
+    });
+    // what lies below all slabs may have neighbours there
+    let below = names.below.basins.iter().map(|basin| Arrival {
+        basin: basin.number,
+        peak: basin.peak(),
+        live: true,
+    });
+    graph.begin_slab(own.chain(below));
+    Ok(())
 }
 
-impl Tree {
-    fn new(passes: &Passes, basins: u64) -> Result<Self> {
-        Ok(Tree {
-            rule: passes.options.rule,
-            metric: passes.options.metric,
-            grid: passes.options.grid,
-            dir: passes.dir.to_path_buf(),
-            saddles: SpillFile::new(passes.dir)?,
-            parts: Numbers::sets(passes.dir, basins)?,
-            components: Numbers::sets(passes.dir, basins)?,
-            cuts: [0; CURVE.len()],
-        })
+/// The basins that may go on above the last slab, by rising name.
+fn names_above(store: &Store, names: &BasinNames) -> Result<Vec<u64>> {
+    let mut above = Vec::new();
+    if store.grid().goes_on()[1] {
+        let last = store.basins(store.slabs() - 1)?;
+        let live = last.iter().filter(|basin| basin.is_live());
+        above.extend(live.map(|basin| names.name(basin.number)));
+        above.sort_unstable();
     }
-
-    fn add(&mut self, saddle: TreeSaddle) -> Result<()> {
-        let joins = |rule: NeckRule| rule.joins(&self.metric, saddle.level, saddle.peak);
-        for (cuts, ratio_permille) in self.cuts.iter_mut().zip(CURVE) {
-            *cuts += u64::from(!joins(NeckRule {
-                ratio_permille,
-                ..self.rule
-            }));
-        }
-        let [a, b] = saddle.basins;
-        if joins(self.rule) {
-            self.parts.union(a, b)?;
-        }
-        self.components.union(a, b)?;
-        self.saddles.push(&[saddle]).map(|_| ())
-    }
-
-    /// Numbers parts and components by their first voxels.
-    fn finish(mut self, store: Store, met: SpillFile, most_trees: u64) -> Result<Split> {
-        let basins = self.parts.len();
-        let (parts, components) = (self.parts.number_sets()?, self.components.number_sets()?);
-        let mut component_of = Numbers::new(&self.dir)?;
-        for basin in 0..basins {
-            // a part's number is that of its first basin among the first ones
-            if self.parts.get(basin)? == component_of.len() {
-                component_of.push(self.components.get(basin)?)?;
-            }
-        }
-        Ok(Split {
-            grid: self.grid,
-            dir: self.dir,
-            store,
-            saddles: self.saddles,
-            met,
-            part_of: self.parts,
-            component_of,
-            counts: SplitCounts {
-                parts,
-                components,
-                basins,
-                most_trees,
-            },
-            curve: std::array::from_fn(|i| (CURVE[i], components + self.cuts[i])),
-        })
-    }
-}
-
-/// Numbers of what was found.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct SplitCounts {
-    /// Cells after the split.
-    pub parts: u64,
-    /// Connected components of air: cells without the split.
-    pub components: u64,
-    /// Maxima of the distance.
-    pub basins: u64,
-    /// The most trees of basins that were in memory at once, between slabs.
-    pub most_trees: u64,
-}
-
-/// Voxels of a row one after the other that are of one cell.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct PartPiece {
-    /// The first one.
-    pub start: u16,
-    /// The last one.
-    pub last: u16,
-    /// The cell: from 1, by the smallest linear index of a voxel.
-    pub part: u64,
-}
-
-/// The cells of a volume after the split.
-#[derive(Debug)]
-pub struct Split {
-    grid: SlabGrid,
-    dir: PathBuf,
-    store: Store,
-    saddles: SpillFile,
-    /// Basins that touch, block by block.
-    met: SpillFile,
-    part_of: Numbers,
-    component_of: Numbers,
-    counts: SplitCounts,
-    curve: [(u32, u64); CURVE.len()],
-}
-
-impl Split {
-    /// How many cells, components and basins there are.
-    pub fn counts(&self) -> SplitCounts {
-        self.counts
-    }
-
-    /// The number of cells for ratios of 0.5 to 0.95, in thousandths, with the other limits of the rule.
-    pub fn curve(&self) -> &[(u32, u64)] {
-        &self.curve
-    }
-
-    /// Bytes of the temporary files that hold rows and basins.
-    pub fn stored_bytes(&self) -> u64 {
-        self.store.bytes()
-    }
-
-    /// The component that a cell is a part of; both from 1.
-    ///
-    /// # Errors
-    /// [`Error::Io`], here and below.
-    pub fn component(&mut self, part: u64) -> Result<u64> {
-        Ok(self.component_of.get(part - 1)? + 1)
-    }
-
-    /// Hands on the cells of a slab, row by row: row, slice and pieces by rising x. Rows of a band come slice by slice,
-    /// bands by rising y.
-    pub fn slab(
-        &mut self,
-        slab: u32,
-        mut each: impl FnMut(u32, u32, &[PartPiece]) -> Result<()>,
-    ) -> Result<()> {
-        let mut parts = Vec::new();
-        for basin in self.store.basins(slab)? {
-            parts.push(self.part_of.get(basin.number)? + 1);
-        }
-        let mut out: Vec<PartPiece> = Vec::new();
-        for band in 0..self.grid.bands() {
-            let rows = self.store.block(slab, band)?;
-            let places = self
-                .grid
-                .slab(slab)
-                .flat_map(|z| self.grid.rows(band).map(move |y| (y, z)));
-            for (row, (y, z)) in places.enumerate() {
-                out.clear();
-                for piece in rows.row(row) {
-                    let part = parts[piece.end as usize];
-                    match out.last_mut() {
-                        Some(last)
-                            if last.part == part
-                                && last.last.checked_add(1) == Some(piece.start) =>
-                        {
-                            last.last = piece.last;
-                        }
-                        _ => out.push(PartPiece {
-                            start: piece.start,
-                            last: piece.last,
-                            part,
-                        }),
-                    }
-                }
-                each(y, z, &out)?;
-            }
-        }
-        Ok(())
-    }
-
-    /// Hands on the necks, by rising cells.
-    ///
-    /// # Errors
-    /// [`Error::Io`], and what `each` returns.
-    pub fn necks(&mut self, each: impl FnMut(Neck) -> Result<()>) -> Result<()> {
-        let mut sorter = NeckSorter::new(&self.dir)?;
-        let saddles = self.saddles.everything().expect("saddles alone");
-        self.saddles.for_each(&saddles, |saddle: TreeSaddle| {
-            sorter.saddle(&saddle, &mut self.part_of)
-        })?;
-        let met = self.met.everything().expect("touches alone");
-        self.met.for_each(&met, |touch: BasinTouch| {
-            sorter.touch(&touch, &mut self.part_of)
-        })?;
-        sorter.finish(each)
-    }
+    Ok(above)
 }

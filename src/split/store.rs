@@ -7,7 +7,7 @@ use super::metric::Peak;
 use super::numbers::Numbers;
 use crate::error::Result;
 use crate::sys::locks::lock;
-use crate::sys::spill_file::{Place, SpillFile};
+use crate::sys::spill_file::{Mark, Place, SpillFile};
 use std::ops::Range;
 use std::path::{Path, PathBuf};
 use std::sync::Mutex;
@@ -27,6 +27,17 @@ impl PieceFile {
     pub fn new(dir: &Path) -> Result<Self> {
         Ok(PieceFile {
             file: Mutex::new(SpillFile::new(dir)?),
+            blocks: Vec::new(),
+        })
+    }
+
+    /// The same in a file of this name.
+    ///
+    /// # Errors
+    /// [`crate::Error::Io`].
+    pub fn create(path: &Path) -> Result<Self> {
+        Ok(PieceFile {
+            file: Mutex::new(SpillFile::create(path)?),
             blocks: Vec::new(),
         })
     }
@@ -110,6 +121,17 @@ impl SlabBasin {
     }
 }
 
+/// Names of the files of a store that is kept.
+pub const STORE: [&str; 3] = ["basin-pieces", "basin-tables", "basin-places"];
+
+/// Where the pieces and the basins of a store lie in their files.
+#[derive(Debug, Clone, Copy, bytemuck::Pod, bytemuck::Zeroable)]
+#[repr(C)]
+struct StoredBlock {
+    rows: [u64; 2],
+    pieces: [u64; 2],
+}
+
 /// The pieces of all blocks, and the basins of each slab.
 #[derive(Debug)]
 pub struct Store {
@@ -134,6 +156,81 @@ impl Store {
             pieces: PieceFile::new(dir)?,
             basins: Mutex::new(SpillFile::new(dir)?),
             of_slab: Vec::new(),
+            waiting: None,
+        })
+    }
+
+    /// The same in files with names, see [`STORE`], in `dir`; what is not to stay lies beside them.
+    ///
+    /// # Errors
+    /// [`crate::Error::Io`].
+    pub fn create(grid: SlabGrid, dir: &Path) -> Result<Self> {
+        let [pieces, ..] = STORE;
+        Ok(Store {
+            pieces: PieceFile::create(&dir.join(pieces))?,
+            ..Store::new(grid, dir)?
+        })
+    }
+
+    /// Writes what is needed to open it again, once it is finished; returns what its files hold.
+    ///
+    /// # Errors
+    /// [`crate::Error::Io`].
+    pub fn save(&mut self) -> Result<[Mark; 3]> {
+        let [_, tables, places] = STORE.map(|name| self.dir.join(name));
+        let mut named = SpillFile::create(&tables)?;
+        let mut of_places = SpillFile::create(&places)?;
+        let mut of_slab = Vec::new();
+        for place in &self.of_slab {
+            let all = lock(&self.basins).get(place)?;
+            of_slab.push(named.push(&all)?.numbers());
+        }
+        of_places.push(&of_slab)?;
+        let blocks = self.pieces.blocks.iter().map(|(rows, pieces)| StoredBlock {
+            rows: rows.numbers(),
+            pieces: pieces.numbers(),
+        });
+        of_places.push_all(blocks)?;
+        let pieces = lock(&self.pieces.file).mark()?;
+        Ok([pieces, named.mark()?, of_places.mark()?])
+    }
+
+    /// Opens one that was saved, cut like this.
+    ///
+    /// # Errors
+    /// [`crate::Error::Io`].
+    pub fn open(
+        grid: SlabGrid,
+        dir: &Path,
+        [pieces, tables, mut places]: [SpillFile; 3],
+    ) -> Result<Self> {
+        let slabs = grid.slabs() as usize;
+        let of_slab: Vec<[u64; 2]> = places.get(&Place::new(0, slabs))?;
+        let blocks = slabs * grid.bands() as usize;
+        let blocks: Vec<StoredBlock> = places.get(&Place::new(16 * slabs as u64, blocks))?;
+        let place = |[offset, len]: [u64; 2]| Place::new(offset, len as usize);
+        Ok(Store {
+            grid,
+            dir: dir.to_path_buf(),
+            pieces: PieceFile {
+                file: Mutex::new(pieces),
+                blocks: blocks
+                    .into_iter()
+                    .map(
+                        |StoredBlock {
+                             rows,
+                             pieces: [offset, len],
+                         }| {
+                            (place(rows), Place::new(offset, len as usize))
+                        },
+                    )
+                    .collect(),
+            },
+            basins: Mutex::new(tables),
+            of_slab: of_slab
+                .into_iter()
+                .map(|[offset, len]| Place::new(offset, len as usize))
+                .collect(),
             waiting: None,
         })
     }
@@ -203,6 +300,16 @@ impl Store {
         Ok(basins)
     }
 
+    /// How the slices are cut.
+    pub fn grid(&self) -> SlabGrid {
+        self.grid
+    }
+
+    /// How many slabs there are.
+    pub fn slabs(&self) -> u32 {
+        self.grid.slabs()
+    }
+
     /// The basins of a slab; pieces are of these by their place. One may stand at several places.
     pub fn basins(&self, slab: u32) -> Result<Vec<SlabBasin>> {
         lock(&self.basins).get(&self.of_slab[slab as usize])
@@ -215,10 +322,9 @@ impl Store {
 
     /// The pieces of a row.
     pub fn row(&self, y: u32, z: u32) -> Result<RowPieces> {
-        let (slab, band) = (z / self.grid.height, y / self.grid.band);
+        let ([slab, slice], band) = (self.grid.slab_of(z), y / self.grid.band);
         let rows = self.grid.rows(band);
-        let slice = (z - self.grid.slab(slab).start) as usize;
-        let row = slice * rows.len() + (y - rows.start) as usize;
+        let row = slice as usize * rows.len() + (y - rows.start) as usize;
         self.pieces.rows(self.at(slab, band), row..row + 1)
     }
 

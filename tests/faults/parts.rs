@@ -7,8 +7,8 @@ use std::collections::BTreeMap;
 use std::fs;
 use std::path::Path;
 
-const OPTIONS: &str = "foam.raw out --dims 24,22,20 --dtype u8 --threshold 128 --macrocube 13,12,7 \
-                       --min-voxels 5 --quiet";
+const OPTIONS: &str =
+    "foam.raw out --dims 24,22,20 --dtype u8 --threshold 128 --macrocube 13,12,7 --quiet";
 
 fn words(line: &str) -> Vec<&str> {
     line.split_whitespace().collect()
@@ -91,26 +91,37 @@ fn fail_each(
 
 #[test]
 fn every_file_operation_of_parts() {
-    let Some(shim) = shim("every_file_operation_of_parts") else {
-        return;
-    };
+    if let Some(shim) = shim("every_file_operation_of_parts") {
+        fail_all(&shim, "--min-voxels 5", 13);
+    }
+}
+
+#[test]
+fn every_file_operation_of_parts_that_split_cells() {
+    if let Some(shim) = shim("every_file_operation_of_parts_that_split_cells") {
+        fail_all(&shim, "--split", 17);
+    }
+}
+
+/// Lets every `step`th operation or so fail in each of five rounds, with `more` options.
+fn fail_all(shim: &Path, more: &str, step: usize) {
     let dir = tempfile::tempdir().unwrap();
     let here = dir.path().canonicalize().unwrap();
     ok(
         &here,
         &words("phantom foam foam.raw --dims 24,22,20 --pitch 9 --quiet"),
     );
-    ok(&here, &words(&format!("convert {OPTIONS}")));
+    ok(&here, &words(&format!("convert {OPTIONS} {more}")));
     let expected = files(&here.join("out"));
     fs::remove_dir_all(here.join("out")).unwrap();
-    ok(&here, &words(&format!("plan {OPTIONS} --parts 2")));
+    ok(&here, &words(&format!("plan {OPTIONS} {more} --parts 2")));
     let work = "work out --part 0 --threads 1 --quiet";
     let merge = "merge out --threads 1 --quiet";
     let mut told = 0;
     for round in 0..5 {
-        told += fail_each(shim, &here, work, 13 + round, &expected);
+        told += fail_each(shim, &here, work, step + round, &expected);
         ok(&here, &words("work out --part 1 --quiet"));
-        told += fail_each(shim, &here, merge, 11 + round, &expected);
+        told += fail_each(shim, &here, merge, step - 2 + round, &expected);
     }
     assert!(told > 40, "{told}");
     let found = files(&here.join("out"));

@@ -10,12 +10,12 @@ use alvis::progress::Quiet;
 use alvis::volume::{OpenOptions, RegionVoxels, Volume, open, statistics};
 
 /// In 1, 2, 3, 7 parts and one for each layer, as far as there are as many layers.
-fn same_in_parts(volume: &dyn Volume, options: &ConvertOptions, what: &str) -> Files {
+pub fn same_in_parts(volume: &dyn Volume, options: &ConvertOptions, what: &str) -> Files {
     same_in_parts_of(volume, options, layers(volume, options), what)
 }
 
 /// The same of so many layers.
-fn same_in_parts_of(
+pub fn same_in_parts_of(
     volume: &dyn Volume,
     options: &ConvertOptions,
     layers: u32,
@@ -35,7 +35,7 @@ fn same_in_parts_of(
 }
 
 /// Noise of which a voxel is above with a chance of `share`.
-fn sparse(dims: [u32; 3], share: f64, seed: u64) -> Vec<u8> {
+pub fn sparse(dims: [u32; 3], share: f64, seed: u64) -> Vec<u8> {
     let mut random = Random(seed);
     samples(dims, |_| if random.unit() < share { 200 } else { 50 })
 }
@@ -86,7 +86,7 @@ fn parts_of_shapes_that_join_late_are_the_single_run() {
 }
 
 /// A tube that winds upwards around the axis, and one of the other phase around which it winds.
-fn helix(dims: [u32; 3]) -> Vec<u8> {
+pub fn helix(dims: [u32; 3]) -> Vec<u8> {
     let [nx, ny, nz] = dims.map(f64::from);
     samples(dims, |[x, y, z]| {
         let turn = f64::from(z) / nz * 40.0;

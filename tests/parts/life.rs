@@ -1,13 +1,13 @@
 //! Parts in any order, twice, side by side, killed, stopped and woken.
 
-use super::{Files, finish, finish_with, plan};
+use super::{Files, finish_with, plan};
 use crate::command::{alvis, json, ok};
 use crate::common::volumes::{Random, foam, late_joins, placed, volume};
 use crate::common::{assert_same_files, converted, files, options};
-use alvis::convert::ConvertOptions;
 use alvis::convert::parts::{
     Merged, NextMerge, NextWork, merge_parts, next_merge, next_work, work_on_part,
 };
+use alvis::convert::{ConvertOptions, NeckRule};
 use alvis::progress::Quiet;
 use std::path::Path;
 use std::process::{Child, Command, Stdio};
@@ -17,13 +17,17 @@ use std::time::Duration;
 fn parts_work_in_any_order_and_merges_come_at_any_time() {
     let (dims, values) = late_joins();
     let volume = volume(dims, values);
-    let options = ConvertOptions {
+    let small = ConvertOptions {
         min_voxels: 3,
         ..options([16, 16, 6])
     };
-    let (whole, _) = converted(&volume, &options);
-    let whole = files(whole.path());
     for seed in 0..4 {
+        let options = ConvertOptions {
+            split: (seed % 2 == 1).then(NeckRule::default),
+            ..small.clone()
+        };
+        let (whole, _) = converted(&volume, &options);
+        let whole = files(whole.path());
         let dir = tempfile::tempdir().unwrap();
         let out = dir.path();
         let mut random = Random(seed);
@@ -61,10 +65,13 @@ fn parts_work_in_any_order_and_merges_come_at_any_time() {
 fn a_part_that_runs_twice_at_once_is_done_once() {
     let dims = [24, 20, 30];
     let volume = placed(dims, foam(dims, 2));
-    let options = options([8, 8, 5]);
-    let (whole, _) = converted(&volume, &options);
-    let whole = files(whole.path());
-    for _ in 0..5 {
+    for turn in 0..6 {
+        let options = ConvertOptions {
+            split: (turn % 2 == 1).then(NeckRule::default),
+            ..options([8, 8, 5])
+        };
+        let (whole, _) = converted(&volume, &options);
+        let whole = files(whole.path());
         let dir = tempfile::tempdir().unwrap();
         let out = dir.path();
         plan(&volume, &options, out, 3);
@@ -79,12 +86,12 @@ fn a_part_that_runs_twice_at_once_is_done_once() {
     }
 }
 
-/// A directory with `foam.mhd` and the files of its tile set.
-fn foam_file() -> (tempfile::TempDir, Files) {
+/// A directory with `foam.mhd` and the files of its tile set, with `more` options.
+fn foam_file(more: &str) -> (tempfile::TempDir, Files) {
     let dir = tempfile::tempdir().unwrap();
     let line = "phantom foam foam.mhd --dims 44,40,60 --pitch 11 --spacing 0.05 --unit mm --quiet";
     ok(dir.path(), &line.split(' ').collect::<Vec<_>>());
-    ok(dir.path(), &words("convert foam.mhd whole", ""));
+    ok(dir.path(), &words("convert foam.mhd whole", more));
     let whole = files(&dir.path().join("whole"));
     (dir, whole)
 }
@@ -105,7 +112,7 @@ fn code(dir: &Path, args: &[&str]) -> (i32, String) {
 
 #[test]
 fn the_commands_convert_in_parts() {
-    let (dir, whole) = foam_file();
+    let (dir, whole) = foam_file("");
     let dir = dir.path();
     let planned = ok(dir, &words("plan foam.mhd out --parts 3", "--json"));
     let planned = json(&planned);
@@ -185,12 +192,15 @@ fn to_run(dir: &Path) -> Option<Vec<String>> {
 
 #[test]
 fn work_and_merges_that_are_killed_are_done_again() {
-    let (dir, whole) = foam_file();
-    let dir = dir.path();
     let mut random = Random(7);
     let mut pause = |most: f64| std::thread::sleep(Duration::from_secs_f64(most * random.unit()));
-    for turn in 0..3 {
-        ok(dir, &words("plan foam.mhd out --parts 3", ""));
+    for (turn, more) in ["", "--split", "--split 0.95 --split-h 0"]
+        .into_iter()
+        .enumerate()
+    {
+        let (dir, whole) = foam_file(more);
+        let dir = dir.path();
+        ok(dir, &words("plan foam.mhd out --parts 3", more));
         loop {
             for _ in 0..2 {
                 let mut merge = spawn(dir, &["merge", "out"]);
@@ -210,7 +220,6 @@ fn work_and_merges_that_are_killed_are_done_again() {
             }
         }
         assert_same_files(&whole, &files(&dir.join("out")), &format!("turn {turn}"));
-        std::fs::remove_dir_all(dir.join("out")).unwrap();
     }
 }
 
@@ -222,7 +231,7 @@ fn signal(child: &Child, name: &str) {
 
 #[test]
 fn work_that_wakes_after_the_merge_changes_nothing() {
-    let (dir, whole) = foam_file();
+    let (dir, whole) = foam_file("");
     let dir = dir.path();
     let mut random = Random(3);
     for turn in 0..6 {
@@ -256,10 +265,13 @@ fn work_that_wakes_after_the_merge_changes_nothing() {
 fn two_merges_at_once_make_one_tile_set() {
     let dims = [24, 20, 30];
     let volume = placed(dims, foam(dims, 4));
-    let options = options([8, 8, 5]);
-    let (whole, _) = converted(&volume, &options);
-    let whole = files(whole.path());
-    for _ in 0..5 {
+    for turn in 0..6 {
+        let options = ConvertOptions {
+            split: (turn % 2 == 1).then(NeckRule::default),
+            ..options([8, 8, 5])
+        };
+        let (whole, _) = converted(&volume, &options);
+        let whole = files(whole.path());
         let dir = tempfile::tempdir().unwrap();
         let out = dir.path();
         plan(&volume, &options, out, 4);
@@ -275,7 +287,4 @@ fn two_merges_at_once_make_one_tile_set() {
         });
         assert_same_files(&whole, &files(out), "two merges");
     }
-    let dir = tempfile::tempdir().unwrap();
-    plan(&volume, &options, dir.path(), 2);
-    finish(&volume, &options, dir.path());
 }

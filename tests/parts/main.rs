@@ -9,6 +9,7 @@ mod common;
 mod bytes;
 mod life;
 mod refused;
+mod split;
 
 use alvis::convert::ConvertOptions;
 use alvis::convert::parts::{Asked, Merged, merge_parts, plan_parts, work_on_part};

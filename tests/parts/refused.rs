@@ -5,10 +5,10 @@ use crate::command::{alvis, fails, ok};
 use crate::common::volumes::{foam, placed};
 use crate::common::{assert_same_files, converted, copy_all, files, options};
 use alvis::Error;
-use alvis::convert::ConvertOptions;
 use alvis::convert::parts::{
     Asked, Merged, NextWork, merge_parts, next_work, plan_parts, work_on_part,
 };
+use alvis::convert::{ConvertOptions, NeckRule};
 use alvis::progress::Quiet;
 use alvis::volume::MemoryVolume;
 use std::fs;
@@ -115,7 +115,8 @@ fn what_others_do_there_is_refused_while_a_plan_is_there() {
     }
     let plan_of = |more: &str| plan.replace(" out ", " other ") + more;
     for (line, what) in [
-        (plan_of(" --split"), "--split"),
+        (plan_of(" --split --walls"), "--walls"),
+        (plan_of(" --split 1.5"), "--split"),
         (plan_of(" --labels foam.mhd"), "--labels"),
         (plan_of(" --lod"), "--lod"),
         (plan_of(" --resume"), "--resume"),
@@ -218,18 +219,33 @@ fn go_on(volume: &MemoryVolume<u8>, options: &ConvertOptions, out: &Path) -> Res
 #[test]
 fn files_that_are_damaged_are_found_or_not_needed() {
     let (volume, options) = small();
-    let (whole, _) = converted(&volume, &options);
+    damaged_files_are_found_or_not_needed(&volume, &options);
+}
+
+#[test]
+fn damaged_files_of_cells_that_are_split_are_found_or_not_needed() {
+    let (volume, options) = small();
+    let options = ConvertOptions {
+        min_voxels: 1,
+        split: Some(NeckRule::default()),
+        ..options
+    };
+    damaged_files_are_found_or_not_needed(&volume, &options);
+}
+
+fn damaged_files_are_found_or_not_needed(volume: &MemoryVolume<u8>, options: &ConvertOptions) {
+    let (whole, _) = converted(volume, options);
     let whole: Files = files(whole.path());
     let dir = tempfile::tempdir().unwrap();
     let out = dir.path().join("out");
-    plan(&volume, &options, &out, 2);
+    plan(volume, options, &out, 2);
     let (mut refused, mut harmless, mut round) = (0, 0, 0);
     loop {
-        match merge_parts(&volume, &options, &out, &Quiet).unwrap() {
+        match merge_parts(volume, options, &out, &Quiet).unwrap() {
             Merged::InPlace(_) => break,
             Merged::ToRun(_, parts) => {
                 for part in parts {
-                    work_on_part(&volume, &options, &out, part, &Quiet).unwrap();
+                    work_on_part(volume, options, &out, part, &Quiet).unwrap();
                 }
             }
         }
@@ -256,7 +272,7 @@ fn files_that_are_damaged_are_found_or_not_needed() {
                     1 => fs::write(&file, &bytes[..bytes.len() / 2]).unwrap(),
                     _ => fs::remove_file(&file).unwrap(),
                 }
-                match go_on(&volume, &options, &tried) {
+                match go_on(volume, options, &tried) {
                     Ok(()) => {
                         harmless += 1;
                         let what = format!("round {round}, {}, {way}", name.display());

@@ -5,17 +5,20 @@
 
 mod band;
 mod contacts;
+mod kept_bits;
 mod opening;
 mod split;
 
+pub use kept_bits::KeptBits;
 pub use opening::Opening;
-pub use split::metric;
+pub use split::{for_blocks, metric, opening_of, split_options, write_rows};
 
 use crate::checkpoint::{Checkpointer, Marks};
 use crate::convert::cells::band::{BelowZero, CellPart, CellSettings, CellsOfBand, cells_of_band};
 use crate::convert::cells::contacts::Contact;
 use crate::convert::cells::split::{SplitCells, split_cells};
 use crate::convert::conversion::Conversion;
+use crate::convert::id_places::IdPlaces;
 use crate::convert::known_band::{KnownBand, KnownBands};
 use crate::convert::label::span_of;
 use crate::convert::memory::BANDS;
@@ -53,16 +56,63 @@ impl Keyed for CellInComponent {
     }
 }
 
-/// The cells of a volume.
+/// Where the records of cells lie in a table.
 #[derive(Debug)]
-pub struct GivenCells {
-    /// Which voxels belong to which cell; those below that are given to none have one together.
-    pub rows: CellRows,
+pub enum CellIds {
+    /// By the ranks of their ids, which are any numbers.
+    Ranked(IdRanks),
+    /// Ids without gaps, of which some are those of this part of the volume.
+    Placed(IdPlaces),
+}
+
+impl CellIds {
+    /// How many records there are.
+    pub fn len(&self) -> u64 {
+        match self {
+            CellIds::Ranked(ids) => ids.len(),
+            CellIds::Placed(ids) => ids.len(),
+        }
+    }
+
+    /// How many of them are of cells that begin in this part of the volume: the first ones.
+    pub fn own(&self) -> u64 {
+        match self {
+            CellIds::Ranked(ids) => ids.len(),
+            CellIds::Placed(ids) => ids.own,
+        }
+    }
+
+    /// The place of a cell that has voxels.
+    pub fn place(&self, cell: u64) -> u64 {
+        match self {
+            CellIds::Ranked(ids) => ids.rank(cell).expect("cells of pieces have voxels"),
+            CellIds::Placed(ids) => ids.of(cell),
+        }
+    }
+
+    /// The places of ids without gaps.
+    pub fn places(&self) -> &IdPlaces {
+        match self {
+            CellIds::Ranked(_) => panic!("ids of cells that are split have no gaps"),
+            CellIds::Placed(ids) => ids,
+        }
+    }
+
+    /// The cell in a place.
+    pub fn id(&self, place: u64) -> u64 {
+        match self {
+            CellIds::Ranked(ids) => ids.id(place),
+            CellIds::Placed(ids) => ids.id(place),
+        }
+    }
+}
+
+/// What is known of all cells, where these are given.
+#[derive(Debug)]
+pub struct KnownCells {
     /// The ids of those that have voxels.
-    pub ids: IdRanks,
-    /// Parts of them, to be sorted and taken once.
-    parts: Option<Sorter<CellInComponent>>,
-    /// Where cells of one component touch, by rising ids.
+    pub ids: CellIds,
+    /// Where cells of one component touch, by rising ids; those of a part of the volume whose first cell begins there.
     pub openings: SpillFile,
     /// Voxels below that are given to none.
     pub unlabelled: u64,
@@ -70,17 +120,26 @@ pub struct GivenCells {
     pub curve: Vec<[u64; 2]>,
 }
 
-impl GivenCells {
-    /// Hands on the voxels of each cell in each component, by rising ids; once.
-    ///
-    /// # Errors
-    /// [`Error::Io`], and what `each` returns.
-    pub fn take_parts(&mut self, each: impl FnMut(CellInComponent) -> Result<()>) -> Result<()> {
-        let Some(parts) = self.parts.take() else {
-            return Ok(());
-        };
-        parts.finish_merged(|sum, part| sum.sums.merge(&part.sums), each)
-    }
+/// The cells of a volume.
+#[derive(Debug)]
+pub struct GivenCells {
+    /// Which voxels belong to which cell; those below that are given to none have one together.
+    pub rows: CellRows,
+    /// What is known of all.
+    pub known: KnownCells,
+    /// The voxels of each in each component, by parts.
+    pub parts: Sorter<CellInComponent>,
+}
+
+/// Hands on the voxels of each cell in each component, by rising ids.
+///
+/// # Errors
+/// [`Error::Io`], and what `each` returns.
+pub fn each_in_component(
+    parts: Sorter<CellInComponent>,
+    each: impl FnMut(CellInComponent) -> Result<()>,
+) -> Result<()> {
+    parts.finish_merged(|sum, part| sum.sums.merge(&part.sums), each)
 }
 
 /// What the pass works on.
@@ -127,21 +186,29 @@ pub fn cells(
         openings,
         curve,
     } = split_cells(input, rule, marks, checkpointer)?;
-    let cells = sum_cells(input, rows, Some(openings))?;
-    Ok(Some(GivenCells { curve, ..cells }))
+    let known = KnownCells {
+        ids: CellIds::Placed(IdPlaces::all(rows.largest())),
+        openings,
+        unlabelled: 0,
+        curve,
+    };
+    sum_cells(input, rows, Some(known)).map(Some)
 }
 
-/// Sums up the cells of all voxels, given as `rows`, and finds where they touch unless that is known.
-fn sum_cells(
+/// Sums up the cells of all voxels, given as `rows`, and finds which there are and where they touch unless that is known.
+///
+/// # Errors
+/// As of [`cells`].
+pub fn sum_cells(
     input: &CellsInput,
     rows: CellRows,
-    openings: Option<SpillFile>,
+    known: Option<KnownCells>,
 ) -> Result<GivenCells> {
     let (job, none) = (input.job, rows.none());
-    let finds_contacts = openings.is_none();
-    let [_, bands, layers] = job.plan.tiling.tiles();
+    let finds_contacts = known.is_none();
+    let ([_, bands, _], layers) = (job.plan.tiling.tiles(), job.made);
     job.progress
-        .begin("cells", u64::from(bands) * u64::from(layers));
+        .begin("cells", u64::from(bands) * u64::from(layers.count()));
     let gathered = Mutex::new(Gathered {
         ids: IdSet::default(),
         parts: Sorter::new(input.work, ROOM)?,
@@ -151,7 +218,8 @@ fn sum_cells(
     });
     // no more bands at once than for labelling
     let at_once = job.plan.bands_at_once as usize;
-    let all: Vec<[u32; 2]> = (0..layers)
+    let all: Vec<[u32; 2]> = layers
+        .each()
         .flat_map(|tz| (0..bands).map(move |ty| [ty, tz]))
         .collect();
     for some in all.chunks(at_once.max(1)) {
@@ -161,24 +229,26 @@ fn sum_cells(
         some.par_iter().with_max_len(1).try_for_each(|&place| {
             let found = input.band(place, &rows, finds_contacts)?;
             job.progress.advance(1);
-            lock(&gathered).add(found, none)
+            lock(&gathered).add(found, none, finds_contacts)
         })?;
     }
     let gathered = into_inner(gathered);
     if let Some(found) = gathered.below_0 {
         return Err(refused(found, &rows));
     }
-    let openings = match openings {
-        Some(openings) => openings,
-        None => input.merge_contacts(gathered.contacts)?,
+    let known = match known {
+        Some(known) => known,
+        None => KnownCells {
+            ids: CellIds::Ranked(gathered.ids.into_ranks()),
+            openings: input.merge_contacts(gathered.contacts)?,
+            unlabelled: gathered.unlabelled,
+            curve: Vec::new(),
+        },
     };
     Ok(GivenCells {
         rows,
-        ids: gathered.ids.into_ranks(),
-        parts: Some(gathered.parts),
-        openings,
-        unlabelled: gathered.unlabelled,
-        curve: Vec::new(),
+        known,
+        parts: gathered.parts,
     })
 }
 
@@ -242,7 +312,7 @@ impl CellsInput<'_> {
 }
 
 impl Gathered {
-    fn add(&mut self, found: CellsOfBand, none: u64) -> Result<()> {
+    fn add(&mut self, found: CellsOfBand, none: u64, finds_ids: bool) -> Result<()> {
         self.below_0 = [self.below_0, found.below_0].into_iter().flatten().min();
         for CellPart {
             cell,
@@ -251,7 +321,7 @@ impl Gathered {
         } in found.parts
         {
             // voxels of rows that other bands own are there, too
-            if sums.voxels > 0 {
+            if finds_ids && sums.voxels > 0 {
                 self.ids.insert(cell);
             }
             self.unlabelled += if cell == none { sums.voxels } else { 0 };

@@ -2,16 +2,16 @@
 
 use crate::checkpoint::{Checkpointer, LABELS, Marks, Scratch};
 use crate::convert::cells::CellsInput;
+use crate::convert::cells::kept_bits::KeptBits;
 use crate::convert::cells::opening::Opening;
-use crate::convert::known_band::KnownBands;
-use crate::convert::label::{KeptBand, span_of};
+use crate::convert::conversion::Conversion;
 use crate::convert::memory::SPLITTING;
 use crate::error::Result;
 use crate::grid::Dims;
-use crate::labels::{CellPiece, CellRows, CellRowsWriter, RowKinds, Span, bytes_of_rows};
-use crate::split::{BitSource, Metric, NeckRule, PartPiece, SlabGrid, Split, SplitOptions, split};
+use crate::labels::{CellPiece, CellRows, CellRowsWriter, bytes_of_rows};
+use crate::split::{Metric, Neck, NeckRule, PartPiece, SlabGrid, SplitOptions, SplitRows, split};
 use crate::sys::memory_pool::MemoryReservation;
-use crate::sys::spill_file::{Mark, SpillFile};
+use crate::sys::spill_file::SpillFile;
 
 /// Bytes that splitting keeps beside its blocks: pages of numbers of basins, and the graph of the last slices of a foam.
 const BESIDE_BLOCKS: u64 = 16 << 20;
@@ -80,34 +80,47 @@ fn reopen(files: &Scratch, marks: &Marks, dims: Dims) -> Result<Option<SplitCell
     }))
 }
 
-/// Splits, and marks the files of what is found.
-fn split_anew(input: &CellsInput, rule: NeckRule, files: &Scratch) -> Result<(SplitCells, Marks)> {
-    let job = input.job;
-    let dims = job.plan.tiling.dims;
-    let mut held = MemoryReservation::new(input.memory, SPLITTING);
+/// Takes what splitting may have, and tells how much of it is for blocks.
+pub fn for_blocks(held: &mut MemoryReservation) -> u64 {
     held.grow_as_far_as(BESIDE_BLOCKS + ENOUGH);
-    let for_blocks = held.bytes().saturating_sub(BESIDE_BLOCKS);
-    let options = SplitOptions {
+    held.bytes().saturating_sub(BESIDE_BLOCKS)
+}
+
+/// How the cells of a conversion are split, in blocks of so many bytes.
+pub fn split_options(job: &Conversion, rule: NeckRule, for_blocks: u64) -> SplitOptions {
+    let dims = job.plan.tiling.dims;
+    SplitOptions {
         rule,
         ambiguous: job.options.ambiguous,
         metric: metric(job.grid.header().placement.spacing),
         grid: SlabGrid::fitting(dims, for_blocks, job.plan.threads),
         threads: job.plan.threads,
-    };
-    let mut bits = KeptBits {
-        known: input.known,
-        layer: None,
-    };
+    }
+}
+
+/// Splits, and marks the files of what is found.
+fn split_anew(input: &CellsInput, rule: NeckRule, files: &Scratch) -> Result<(SplitCells, Marks)> {
+    let job = input.job;
+    let dims = job.plan.tiling.dims;
+    let mut held = MemoryReservation::new(input.memory, SPLITTING);
+    let for_blocks = for_blocks(&mut held);
+    let options = split_options(job, rule, for_blocks);
+    let mut bits = KeptBits::new(job.plan.tiling, job.made, input.known.kept);
     let mut made = split(&mut bits, &options, input.work, job.progress)?;
     drop(bits);
     let spacing = job.options.measured(&job.grid.header().placement)?.spacing;
     let mut marks = Marks::default();
-    let (rows, mark) = rows(&mut made, options.grid, files)?;
+    let mut rows = CellRowsWriter::create(dims, &files.path(PIECES), &files.path(ROWS))?;
+    write_rows(made.rows(), &mut rows)?;
+    let (rows, mark) = rows.finish_marked()?;
     marks.add(files, PIECES, mark);
     marks.add_length(files, ROWS, bytes_of_rows(dims));
-    let mut openings_file = SpillFile::create(&files.path(OPENINGS))?;
-    openings(&mut made, &options, spacing, &mut openings_file)?;
-    marks.add(files, OPENINGS, openings_file.mark()?);
+    let mut openings = SpillFile::create(&files.path(OPENINGS))?;
+    made.necks(|neck| {
+        let opening = opening_of(&neck, &options.metric, dims, spacing);
+        openings.push(&[opening]).map(|_| ())
+    })?;
+    marks.add(files, OPENINGS, openings.mark()?);
     let points = made.curve().iter();
     let curve: Vec<[u64; 2]> = points
         .map(|&(permille, cells)| [permille.into(), cells])
@@ -118,112 +131,53 @@ fn split_anew(input: &CellsInput, rule: NeckRule, files: &Scratch) -> Result<(Sp
     marks.add(files, SUMMARY, summary.mark()?);
     let made = SplitCells {
         rows,
-        openings: openings_file,
+        openings,
         curve,
     };
     Ok((made, marks))
 }
 
-/// The cells of all rows.
-fn rows(made: &mut Split, grid: SlabGrid, files: &Scratch) -> Result<(CellRows, Mark)> {
-    let (pieces_path, rows_path) = (files.path(PIECES), files.path(ROWS));
-    let mut rows = CellRowsWriter::create(grid.dims, &pieces_path, &rows_path)?;
+/// Writes the cells of all rows, those of the slice below among them if there is one.
+///
+/// # Errors
+/// [`crate::Error::Io`].
+pub fn write_rows(made: &mut SplitRows, rows: &mut CellRowsWriter) -> Result<()> {
+    let grid = made.grid;
     let mut pieces = Vec::new();
-    for slab in 0..grid.slabs() {
-        made.slab(slab, |y, z, parts| {
-            pieces.clear();
-            let mut at = 0;
-            for &PartPiece { start, last, part } in parts {
-                let start = u32::from(start);
-                if at < start {
-                    pieces.push(CellPiece::new(at, 0));
-                }
-                pieces.push(CellPiece::new(start, part));
-                at = u32::from(last) + 1;
-            }
-            if at < grid.dims.0[0] {
+    let mut write = |y: u32, z: u32, parts: &[PartPiece]| {
+        pieces.clear();
+        let mut at = 0;
+        for &PartPiece { start, last, part } in parts {
+            let start = u32::from(start);
+            if at < start {
                 pieces.push(CellPiece::new(at, 0));
             }
-            rows.push(y, z, &pieces)
-        })?;
-    }
-    rows.finish_marked()
+            pieces.push(CellPiece::new(start, part));
+            at = u32::from(last) + 1;
+        }
+        if at < grid.dims.0[0] {
+            pieces.push(CellPiece::new(at, 0));
+        }
+        rows.push(y, z, &pieces)
+    };
+    made.below(&mut write)?;
+    (0..grid.slabs()).try_for_each(|slab| made.slab(slab, &mut write))
 }
 
-/// Where cells touch, in the unit of `spacing`.
-fn openings(
-    made: &mut Split,
-    options: &SplitOptions,
-    spacing: [f64; 3],
-    openings: &mut SpillFile,
-) -> Result<()> {
+/// A neck, in the unit of `spacing`.
+pub fn opening_of(neck: &Neck, metric: &Metric, dims: Dims, spacing: [f64; 3]) -> Opening {
     let finest = spacing.into_iter().fold(f64::INFINITY, f64::min);
-    let [nx, ny, _] = options.grid.dims.0.map(u64::from);
-    made.necks(|neck| {
-        let voxel = [
-            neck.voxel % nx,
-            neck.voxel / nx % ny,
-            neck.voxel / (nx * ny),
-        ];
-        let opening = Opening {
-            cells: neck.cells,
-            radius: options.metric.radius(neck.level) * finest,
-            ratio: neck.ratio().unwrap_or(f64::NAN),
-            place: voxel.map(|v| v as f64),
-            area: neck.area(spacing),
-        };
-        openings.push(&[opening]).map(|_| ())
-    })
-}
-
-/// The bits that labelling has kept, slice by slice.
-struct KeptBits<'a> {
-    known: KnownBands<'a>,
-    /// The layer at hand.
-    layer: Option<Layer>,
-}
-
-/// What is known of the bands of a layer.
-struct Layer {
-    tz: u32,
-    bands: Vec<(Span, KeptBand, RowKinds)>,
-}
-
-impl KeptBits<'_> {
-    /// The bands of a layer.
-    fn layer(&mut self, tz: u32) -> Result<&Layer> {
-        if self.layer.as_ref().is_none_or(|layer| layer.tz != tz) {
-            let (known, tiling) = (self.known, self.known.tiling);
-            let [_, bands, _] = tiling.tiles();
-            let band = |ty: u32| {
-                let span = span_of(tiling, ty, tz);
-                let kept = known.kept.get(known.number([ty, tz]))?;
-                let kinds = known.kept.kinds(&kept, &span)?;
-                Ok((span, kept, kinds))
-            };
-            let bands = (0..bands).map(band).collect::<Result<_>>()?;
-            self.layer = Some(Layer { tz, bands });
-        }
-        Ok(self.layer.as_ref().expect("it was read"))
-    }
-}
-
-impl BitSource for KeptBits<'_> {
-    fn slice(&mut self, z: u32, words: &mut [u64]) -> Result<()> {
-        let (stored, tiling) = (self.known.kept, self.known.tiling);
-        let [.., layers] = tiling.tiles();
-        let layer = self.layer((z / tiling.macrocube[2]).min(layers - 1))?;
-        for (span, kept, kinds) in &layer.bands {
-            let row_words = (span.nx as usize).div_ceil(64);
-            let first = (z - span.z.start) as usize * span.rows();
-            let rows = first..first + span.rows();
-            let mixed = kinds.mixed_before(rows.start)..kinds.mixed_before(rows.end);
-            let mixed = stored.mixed_rows(kept, mixed, row_words)?;
-            // the row that bands share comes from both
-            let at = span.y.start as usize * row_words;
-            let out = &mut words[at..][..span.rows() * row_words];
-            kinds.fill_rows(rows, span.nx, &mixed, out);
-        }
-        Ok(())
+    let [nx, ny, _] = dims.0.map(u64::from);
+    let voxel = [
+        neck.voxel % nx,
+        neck.voxel / nx % ny,
+        neck.voxel / (nx * ny),
+    ];
+    Opening {
+        cells: neck.cells,
+        radius: metric.radius(neck.level) * finest,
+        ratio: neck.ratio().unwrap_or(f64::NAN),
+        place: voxel.map(|v| v as f64),
+        area: neck.area(spacing),
     }
 }

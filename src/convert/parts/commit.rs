@@ -5,12 +5,14 @@ use crate::convert::label::LeftOut;
 use crate::convert::parts::directory::{Directory, Done, FileSum, each_block};
 use crate::convert::parts::rounds::{Round, Rounds};
 use crate::convert::parts::small::left_out;
-use crate::convert::parts::work::{CSV, FinishedPart, LAYERS, LabelsOfPart};
+use crate::convert::parts::split::MergedCells;
+use crate::convert::parts::work::{FinishedPart, LAYERS, LabelsOfPart, tables};
 use crate::convert::totals::{dust_of, together};
-use crate::convert::warnings::warnings;
+use crate::convert::warnings::{warnings, warnings_of_parts};
 use crate::error::{Error, Result};
 use crate::manifest::{LayerRecord, Manifest, Totals, shard_path, sums_of};
 use crate::tileset::{Output, PLAN, TilesetWriter, layer_directory, make_directories};
+use serde::de::IgnoredAny;
 use std::fs::File;
 use std::io::{BufWriter, Write};
 use std::path::Path;
@@ -76,17 +78,21 @@ impl Commit<'_> {
             parts.push(done);
         }
         self.check(&totals, voxels_below)?;
-        for name in CSV {
+        for name in tables(job.options) {
             self.join_table(name, &parts)?;
         }
         let dust = dust_of(job.options, self.left_out()?);
         let (dims, threshold) = (job.plan.tiling.dims, job.options.threshold);
-        let warnings = warnings(&totals, dims, threshold, dust);
+        let mut warnings = warnings(&totals, dims, threshold, dust);
+        let cells = job.stated_cells(0, &self.curve()?);
+        let of_parts = cells.as_ref();
+        warnings.extend(of_parts.and_then(|parts| warnings_of_parts(parts, totals.cells)));
         warnings
             .iter()
             .for_each(|warning| job.progress.warn(warning));
         let manifest = Manifest {
             dust,
+            cells,
             ..job.manifest(totals)
         };
         bytes += totals.bytes + set.finish(manifest)?;
@@ -107,7 +113,7 @@ impl Commit<'_> {
     ) -> Result<()> {
         let directory = self.directory;
         let mesh = self.rounds.number(Round::Mesh);
-        let meshed: Done<()> = directory.done_by(mesh, part)?;
+        let meshed: Done<IgnoredAny> = directory.done_by(mesh, part)?;
         done.spool(LAYERS)?.each(|layer: LayerRecord| {
             let name = layer_directory(layer.z);
             move_once(&meshed.dir.join(&name), &directory.work.join(&name))?;
@@ -145,12 +151,23 @@ impl Commit<'_> {
             surfaces,
             ..
         } = totals;
-        if surfaces + 1 != objects + cells {
+        // surfaces of cells that are split are counted by cells
+        if self.job.options.split.is_none() && surfaces + 1 != objects + cells {
             let found = format!("{objects} objects, {cells} cells and {surfaces} surfaces");
             let expected = "one surface less than objects and cells";
             return Err(Error::format(out, found, expected));
         }
         Ok(())
+    }
+
+    /// How many cells there are at each ratio, where they are split.
+    fn curve(&self) -> Result<Vec<[u64; 2]>> {
+        if self.job.options.split.is_none() {
+            return Ok(Vec::new());
+        }
+        let round = self.rounds.number(Round::Saddles);
+        let merged: Done<MergedCells> = self.directory.merged(round, 0)?;
+        Ok(merged.result.curve)
     }
 
     /// What was left out as small, by all parts and between them.

@@ -6,6 +6,7 @@
 
 use crate::checkpoint::{Identity, Marks, SPOOLS};
 use crate::convert::layers::Layers;
+use crate::convert::parts::rounds::Rounds;
 use crate::convert::parts::sealed;
 use crate::error::{Error, Result};
 use crate::manifest::{PARTIAL, Region};
@@ -20,7 +21,7 @@ use std::io::{ErrorKind, Read};
 use std::path::{Path, PathBuf};
 
 /// Counts the versions of all these files.
-pub const FORMAT: u32 = 2;
+pub const FORMAT: u32 = 3;
 
 /// What all parts are to know.
 #[derive(Debug, Clone, Serialize, Deserialize)]
@@ -31,8 +32,9 @@ pub struct Plan {
     pub identity: Vec<(String, String)>,
     /// The layers of each part: the first one, and the one behind the last.
     pub parts: Vec<[u32; 2]>,
-    /// How many rounds there are.
-    pub rounds: u32,
+    /// The rounds.
+    #[serde(flatten)]
+    pub rounds: Rounds,
     /// The caller's: how the same volume and options are had again.
     pub asked: Asked,
 }
@@ -208,7 +210,7 @@ impl Directory {
     /// [`Error::Io`].
     pub fn create(work: &Path, plan: &Plan) -> Result<bool> {
         let parts = work.join(PARTS);
-        let rounds = (1..=plan.rounds).map(|round| parts.join(round.to_string()));
+        let rounds = (1..=plan.rounds.count()).map(|round| parts.join(round.to_string()));
         for dir in std::iter::once(parts.clone()).chain(rounds) {
             make_directory(&dir)?;
         }

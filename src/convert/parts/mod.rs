@@ -15,6 +15,7 @@ mod records;
 mod rounds;
 mod sealed;
 mod small;
+mod split;
 mod work;
 
 pub use directory::Asked;
@@ -29,6 +30,7 @@ use crate::convert::parts::planning::identity_of;
 use crate::convert::parts::records::merge_records;
 use crate::convert::parts::rounds::{Round, Rounds};
 use crate::convert::parts::small::{SmallSearch, merge_small};
+use crate::convert::parts::split::{merge_basins, merge_cells, merge_split_records};
 use crate::convert::parts::work::PartWork;
 use crate::convert::{ConvertOptions, ConvertReport, in_threads, report, with_conversion};
 use crate::error::{Error, Result};
@@ -117,16 +119,20 @@ pub fn next_work(out: &Path, part: u32) -> Result<NextWork> {
         return Ok(NextWork::Done);
     };
     directory.layers(part)?;
-    Ok(match round_of(&directory, part)? {
-        Ok(round) => NextWork::Do(round.name()),
-        Err(None) => NextWork::Done,
-        Err(Some(waits)) => NextWork::Waits(waits.name()),
+    Ok(match round_of(&directory, part) {
+        // files went away while they were looked at: it has been moved into place
+        Err(_) if out.join(MANIFEST).exists() => NextWork::Done,
+        round => match round? {
+            Ok(round) => NextWork::Do(round.name()),
+            Err(None) => NextWork::Done,
+            Err(Some(waits)) => NextWork::Waits(waits.name()),
+        },
     })
 }
 
 /// The round that a part does next, or the one that it is done with and whose merge it waits for, if there is any.
 fn round_of(directory: &Directory, part: u32) -> Result<std::result::Result<Round, Option<Round>>> {
-    let rounds = Rounds::counting(directory.plan.rounds);
+    let rounds = directory.plan.rounds;
     let mut before = None;
     for round in rounds.all() {
         let number = rounds.number(round);
@@ -162,8 +168,11 @@ pub fn work_on_part(
         return Ok(());
     };
     let layers = directory.layers(part)?;
-    let Ok(round) = round_of(&directory, part)? else {
-        return Ok(());
+    let round = match round_of(&directory, part) {
+        Ok(Ok(round)) => round,
+        Ok(Err(_)) => return Ok(()),
+        Err(_) if out.join(MANIFEST).exists() => return Ok(()),
+        Err(error) => return Err(error),
     };
     let worked = with_conversion(
         volume,
@@ -191,7 +200,7 @@ pub fn work_on_part(
 
 /// True if a part is done with a round.
 fn was_done(directory: &Directory, round: Round, part: u32) -> bool {
-    let number = Rounds::counting(directory.plan.rounds).number(round);
+    let number = directory.plan.rounds.number(round);
     matches!(directory.is_done(number, Doer::Part(part)), Ok(true))
 }
 
@@ -203,7 +212,7 @@ pub fn next_merge(out: &Path) -> Result<NextMerge> {
     let Some(directory) = planned(out)? else {
         return Ok(NextMerge::InPlace);
     };
-    let rounds = Rounds::counting(directory.plan.rounds);
+    let rounds = directory.plan.rounds;
     for round in rounds.all() {
         let number = rounds.number(round);
         if directory.is_done(number, Doer::Merge)? {
@@ -332,6 +341,18 @@ impl Merge<'_> {
             }
             Round::Label => {
                 let made = merge_ids(directory, number, dir, memory)?;
+                self.done(attempt, made)
+            }
+            Round::Basins => {
+                let made = merge_basins(self.job, directory, number, dir, memory)?;
+                self.done(attempt, made)
+            }
+            Round::Saddles => {
+                let made = merge_cells(self.job, directory, self.rounds, dir)?;
+                self.done(attempt, made)
+            }
+            Round::Mesh | Round::Finish if self.job.options.split.is_some() => {
+                let made = merge_split_records(self.job, directory, self.rounds, dir)?;
                 self.done(attempt, made)
             }
             Round::Mesh | Round::Finish => {

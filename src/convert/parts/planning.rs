@@ -101,13 +101,12 @@ fn refuse_tile_set(out: &Path) -> Result<()> {
 /// Refuses what is not converted in parts.
 fn check(volume: &dyn Volume, options: &ConvertOptions) -> Result<()> {
     let given = [
-        ("--split", options.split.is_some()),
         ("--labels", options.labels.is_some()),
         ("--walls", options.walls),
     ];
     if let Some((option, _)) = given.into_iter().find(|(_, given)| *given) {
-        let expected = "none of --split, --labels and --walls: cells that are parts of components, and walls between \
-                        cells, are found in one process";
+        let expected = "neither --labels nor --walls: cells that are given, and walls between cells, are found in one \
+                        process";
         return Err(Error::usage(option, "it with a plan", expected)
             .with_hint("`alvis convert` does it on one machine"));
     }
@@ -145,7 +144,7 @@ pub fn plan_parts(
             );
             return Err(Error::usage("--parts", parts.to_string(), expected));
         }
-        let rounds = Rounds::of(options).count();
+        let rounds = Rounds::of(options);
         let plan = Plan {
             format: FORMAT,
             identity: identity_of(job)?.into_list(),
@@ -156,7 +155,7 @@ pub fn plan_parts(
         write_plan(options, out, &plan)?;
         Ok(PartsPlan {
             parts,
-            rounds,
+            rounds: rounds.count(),
             memory_bytes: job.plan.memory,
         })
     })

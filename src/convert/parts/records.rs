@@ -14,12 +14,18 @@ use std::path::Path;
 /// Records that are sorted in memory.
 const ROOM: usize = 1 << 11;
 /// Names of the tables.
-const TABLES: [&str; 3] = ["objects", "cells", "surfaces"];
+const OBJECTS: &str = "objects";
+/// See [`OBJECTS`].
+const CELLS: &str = "cells";
+/// See [`OBJECTS`].
+const SURFACES: &str = "surfaces";
+/// In the place of a part: a sum is of none.
+pub const NO_PART: u64 = u64::MAX;
 
 /// The record of a component that lies in several parts.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, Pod, Zeroable)]
-struct SharedComponent {
+pub struct SharedComponent {
     record: ComponentRecord,
     /// Id and part, or part and id.
     key: [u64; 2],
@@ -28,18 +34,21 @@ struct SharedComponent {
 /// The record of a surface that lies in several parts.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, Pod, Zeroable)]
-struct SharedSurface {
+pub struct SharedSurface {
     record: SurfaceRecord,
     /// Id and part, or part and id.
     key: [u64; 2],
 }
 
 /// A record of something that lies in several parts.
-trait Shared: Keyed {
+pub trait Shared: Keyed {
     /// The record without the rest.
     type Record: Pod;
+    /// With id and part, or part and id.
     fn new(record: Self::Record, key: [u64; 2]) -> Self;
+    /// The record.
     fn record(&self) -> Self::Record;
+    /// Adds another one of the same.
     fn merge(into: &mut Self::Record, other: &Self::Record);
 }
 
@@ -88,20 +97,22 @@ impl Shared for SharedSurface {
 }
 
 /// Files of a part: all records of components that begin there, and the records of those that lie in several parts.
-fn own_file(table: usize) -> String {
-    format!("{}.records", TABLES[table])
+pub fn own_file(table: &str) -> String {
+    format!("{table}.records")
 }
 
-fn shared_file(table: usize) -> String {
-    format!("{}.shared", TABLES[table])
+/// See [`own_file`].
+pub fn shared_file(table: &str) -> String {
+    format!("{table}.shared")
 }
 
-fn merged_file(table: usize, part: u32) -> String {
-    format!("part-{part:04}.{}", TABLES[table])
+/// The file of what merging hands a part of a table.
+pub fn merged_file(table: &str, part: u32) -> String {
+    format!("part-{part:04}.{table}")
 }
 
 /// The sum of a file that was written as a spool.
-fn sum_of(path: &str, mark: Mark) -> FileSum {
+pub fn sum_of(path: &str, mark: Mark) -> FileSum {
     FileSum {
         path: path.to_owned(),
         bytes: mark.len,
@@ -109,23 +120,27 @@ fn sum_of(path: &str, mark: Mark) -> FileSum {
     }
 }
 
-fn write_table<S: Shared>(
+/// Writes the records of a part in a table of this name: those in its own places, and those of ids that others have, too.
+///
+/// # Errors
+/// [`crate::Error::Io`], and what `record` returns.
+pub fn write_table<S: Shared>(
     dir: &Path,
-    number: usize,
-    table: &RecordTable<S::Record>,
+    name: &str,
+    record: impl Fn(u64) -> Result<S::Record>,
     places: &IdPlaces,
     shared: &[u64],
 ) -> Result<[FileSum; 2]> {
-    let path = own_file(number);
+    let path = own_file(name);
     let mut file = SpillFile::create(&dir.join(&path))?;
     for place in 0..places.own {
-        file.push(&[table.get(place)?])?;
+        file.push(&[record(place)?])?;
     }
     let own = sum_of(&path, file.mark()?);
-    let path = shared_file(number);
+    let path = shared_file(name);
     let mut file = SpillFile::create(&dir.join(&path))?;
     for &id in shared {
-        let record = table.get(places.of(id))?;
+        let record = record(places.of(id))?;
         file.push(&[S::new(record, [id, 0])])?;
     }
     Ok([own, sum_of(&path, file.mark()?)])
@@ -147,33 +162,45 @@ pub fn write_records(
         places,
         ..
     } = components;
-    let objects = write_table::<SharedComponent>(dir, 0, objects, &places.objects, &shared.objects);
-    let cells = write_table::<SharedComponent>(dir, 1, cells, &places.cells, &shared.cells);
+    let of = |place| objects.get(place);
+    let objects =
+        write_table::<SharedComponent>(dir, OBJECTS, of, &places.objects, &shared.objects);
+    let of = |place| cells.get(place);
+    let cells = write_table::<SharedComponent>(dir, CELLS, of, &places.cells, &shared.cells);
+    let of = |place| surfaces.get(place);
     let surfaces =
-        write_table::<SharedSurface>(dir, 2, surfaces, &places.surfaces, &shared.surfaces);
+        write_table::<SharedSurface>(dir, SURFACES, of, &places.surfaces, &shared.surfaces);
     Ok([objects?, cells?, surfaces?].concat())
 }
 
-fn read_table<S: Shared, A, B>(
-    number: usize,
-    mut table: RecordTable<S::Record>,
+/// Hands on the records of a part in a table of this name, by their places: its own, then what merging has made of those that
+/// others have, too.
+///
+/// # Errors
+/// [`crate::Error::Io`]; [`crate::Error::Format`] if a file is damaged; what `set` returns.
+pub fn read_table<S: Shared, A, B>(
+    name: &str,
     places: &IdPlaces,
     done: &Done<A>,
-    merged: (&Done<B>, u32),
-) -> Result<RecordTable<S::Record>> {
+    (merged, part): (&Done<B>, u32),
+    mut set: impl FnMut(u64, S::Record) -> Result<()>,
+) -> Result<()> {
     let mut place = 0;
-    done.spool(&own_file(number))?.each(|record: S::Record| {
-        table.update(place, |own| *own = record)?;
+    done.spool(&own_file(name))?.each(|record: S::Record| {
+        set(place, record)?;
         place += 1;
         Ok(())
     })?;
-    let (merged, part) = merged;
-    let others = merged.spool(&merged_file(number, part))?;
+    let others = merged.spool(&merged_file(name, part))?;
     others.each(|shared: S| {
         let [_, id] = shared.key();
-        table.update(places.of(id), |own| *own = shared.record())
-    })?;
-    Ok(table)
+        set(places.of(id), shared.record())
+    })
+}
+
+/// Fills a table with what [`read_table`] hands on.
+pub fn setter<T: Pod>(table: &mut RecordTable<T>) -> impl FnMut(u64, T) -> Result<()> + '_ {
+    |place, record| table.update(place, |own| *own = record)
 }
 
 /// Reads the records of a part back, those of components that lie in several parts as they are of the whole volume.
@@ -187,16 +214,19 @@ pub fn read_records<A, B>(
     part: u32,
 ) -> Result<Components> {
     let Components {
-        objects,
-        cells,
-        surfaces,
+        mut objects,
+        mut cells,
+        mut surfaces,
         places,
         ..
     } = empty;
     let merged = (merged, part);
-    let objects = read_table::<SharedComponent, _, _>(0, objects, &places.objects, done, merged)?;
-    let cells = read_table::<SharedComponent, _, _>(1, cells, &places.cells, done, merged)?;
-    let surfaces = read_table::<SharedSurface, _, _>(2, surfaces, &places.surfaces, done, merged)?;
+    let set = setter(&mut objects);
+    read_table::<SharedComponent, _, _>(OBJECTS, &places.objects, done, merged, set)?;
+    let set = setter(&mut cells);
+    read_table::<SharedComponent, _, _>(CELLS, &places.cells, done, merged, set)?;
+    let set = setter(&mut surfaces);
+    read_table::<SharedSurface, _, _>(SURFACES, &places.surfaces, done, merged, set)?;
     Ok(Components {
         objects,
         cells,
@@ -208,24 +238,41 @@ pub fn read_records<A, B>(
     })
 }
 
-/// Adds up one table's records of what lies in several parts, and hands each part those that it needs.
-fn merge_table<S: Shared>(
+/// Records of what lies in several parts, of one table, by their ids.
+///
+/// # Errors
+/// [`crate::Error::Io`]; [`crate::Error::Format`] if a file is damaged.
+pub fn gather<S: Shared>(
     directory: &Directory,
     round: u32,
     dir: &Path,
-    number: usize,
-) -> Result<Vec<FileSum>> {
+    name: &str,
+) -> Result<Sorter<S>> {
     let mut by_id = Sorter::<S>::new(dir, ROOM)?;
     for part in 0..directory.parts() {
         let done: Done<serde::de::IgnoredAny> = directory.done_by(round, part)?;
-        done.spool(&shared_file(number))?.each(|shared: S| {
+        done.spool(&shared_file(name))?.each(|shared: S| {
             let [id, _] = shared.key();
             by_id.push(S::new(shared.record(), [id, part.into()]))
         })?;
     }
+    Ok(by_id)
+}
+
+/// Adds up one table's records, and hands each part those that it needs.
+///
+/// # Errors
+/// [`crate::Error::Io`].
+pub fn merge_table<S: Shared>(
+    by_id: Sorter<S>,
+    parts: u32,
+    dir: &Path,
+    name: &str,
+) -> Result<Vec<FileSum>> {
     let mut by_part = Sorter::<S>::new(dir, ROOM)?;
     let mut at_hand: Option<(u64, S::Record, Vec<u64>)> = None;
     let mut hand_out = |(id, record, parts): (u64, S::Record, Vec<u64>)| {
+        let parts = parts.into_iter().filter(|&part| part != NO_PART);
         parts
             .into_iter()
             .try_for_each(|part| by_part.push(S::new(record, [part, id])))
@@ -245,19 +292,32 @@ fn merge_table<S: Shared>(
         }
     })?;
     at_hand.map_or(Ok(()), &mut hand_out)?;
-    let mut files = PartFiles::new(dir, number)?;
+    hand_out_table(by_part, parts, dir, name)
+}
+
+/// Writes each part's records of one table, which have part and id as their keys.
+///
+/// # Errors
+/// [`crate::Error::Io`].
+pub fn hand_out_table<S: Keyed>(
+    by_part: Sorter<S>,
+    parts: u32,
+    dir: &Path,
+    name: &str,
+) -> Result<Vec<FileSum>> {
+    let mut files = PartFiles::new(dir, name)?;
     by_part.finish(|shared| {
         let [part, _] = shared.key();
         files.go_on_to(part as u32)?;
-        files.file.push(&[shared]).map(|_| ())
+        files.push(&shared)
     })?;
-    files.finish(directory.parts())
+    files.finish(parts)
 }
 
 /// Files of one table for all parts, one after the other.
-struct PartFiles<'a> {
+pub struct PartFiles<'a> {
     dir: &'a Path,
-    table: usize,
+    table: &'a str,
     /// Those that are whole.
     files: Vec<FileSum>,
     /// The next one.
@@ -265,7 +325,11 @@ struct PartFiles<'a> {
 }
 
 impl<'a> PartFiles<'a> {
-    fn new(dir: &'a Path, table: usize) -> Result<Self> {
+    /// Begins with that of the first part.
+    ///
+    /// # Errors
+    /// [`crate::Error::Io`], here and below.
+    pub fn new(dir: &'a Path, table: &'a str) -> Result<Self> {
         Ok(PartFiles {
             dir,
             table,
@@ -279,8 +343,13 @@ impl<'a> PartFiles<'a> {
         merged_file(self.table, self.files.len() as u32)
     }
 
+    /// Adds a record to the file of the part at hand.
+    pub fn push<T: Pod>(&mut self, record: &T) -> Result<()> {
+        self.file.push(&[*record]).map(|_| ())
+    }
+
     /// Ends the files of parts before this one.
-    fn go_on_to(&mut self, part: u32) -> Result<()> {
+    pub fn go_on_to(&mut self, part: u32) -> Result<()> {
         while self.files.len() < part as usize {
             let sum = sum_of(&self.name(), self.file.mark()?);
             self.files.push(sum);
@@ -290,7 +359,7 @@ impl<'a> PartFiles<'a> {
     }
 
     /// Ends them all.
-    fn finish(mut self, parts: u32) -> Result<Vec<FileSum>> {
+    pub fn finish(mut self, parts: u32) -> Result<Vec<FileSum>> {
         self.go_on_to(parts - 1)?;
         let sum = sum_of(&self.name(), self.file.mark()?);
         self.files.push(sum);
@@ -303,14 +372,17 @@ impl<'a> PartFiles<'a> {
 /// # Errors
 /// [`crate::Error::Io`]; [`crate::Error::Format`] if a file is damaged.
 pub fn merge_records(directory: &Directory, round: u32, dir: &Path) -> Result<Made<()>> {
-    let files = [
-        merge_table::<SharedComponent>(directory, round, dir, 0)?,
-        merge_table::<SharedComponent>(directory, round, dir, 1)?,
-        merge_table::<SharedSurface>(directory, round, dir, 2)?,
-    ];
+    let parts = directory.parts();
+    let mut files = Vec::new();
+    for name in [OBJECTS, CELLS] {
+        let all: Sorter<SharedComponent> = gather(directory, round, dir, name)?;
+        files.extend(merge_table(all, parts, dir, name)?);
+    }
+    let all: Sorter<SharedSurface> = gather(directory, round, dir, SURFACES)?;
+    files.extend(merge_table(all, parts, dir, SURFACES)?);
     Ok(Made {
         marks: Default::default(),
-        files: files.concat(),
+        files,
         result: (),
     })
 }

@@ -3,6 +3,7 @@
 
 use crate::checkpoint::LABELS;
 use crate::convert::ConvertOptions;
+use serde::{Deserialize, Serialize};
 
 /// A round.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -11,6 +12,10 @@ pub enum Round {
     Search(usize),
     /// Finds all components.
     Label,
+    /// Finds the basins of cells that are to be split.
+    Basins,
+    /// Finds where basins touch, and joins them to cells.
+    Saddles,
     /// Writes the geometry of tiles.
     Mesh,
     /// Gives tiles their JSON, writes the index and rows of tables.
@@ -24,6 +29,8 @@ impl Round {
             Round::Search(0) => "search for small objects",
             Round::Search(_) => "search for small cells",
             Round::Label => "label",
+            Round::Basins => "basins",
+            Round::Saddles => "necks",
             Round::Mesh => "mesh",
             Round::Finish => "finish",
         }
@@ -31,54 +38,72 @@ impl Round {
 }
 
 /// The rounds of a conversion.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(default)]
 pub struct Rounds {
-    /// How many of them search for small components.
-    searches: usize,
+    /// True if some of them search for small components.
+    search: bool,
+    /// True if some of them split cells.
+    split: bool,
 }
 
 impl Rounds {
     /// Those of a conversion with these options.
     pub fn of(options: &ConvertOptions) -> Self {
         Rounds {
-            searches: match options.min_voxels > 1 {
-                true => LABELS,
-                false => 0,
-            },
-        }
-    }
-
-    /// So many.
-    pub fn counting(count: u32) -> Self {
-        Rounds {
-            searches: (count as usize).saturating_sub(3).min(LABELS),
+            search: options.min_voxels > 1,
+            split: options.split.is_some(),
         }
     }
 
     /// How many there are.
     pub fn count(self) -> u32 {
-        self.searches as u32 + 3
+        self.all().count() as u32
     }
 
     /// Their searches, by the number of the sweep.
     pub fn searches(self) -> std::ops::Range<usize> {
-        0..self.searches
+        match self.search {
+            true => 0..LABELS,
+            false => 0..0,
+        }
     }
 
     /// All of them, in their order.
     pub fn all(self) -> impl DoubleEndedIterator<Item = Round> {
         let searches = self.searches().map(Round::Search);
-        searches.chain([Round::Label, Round::Mesh, Round::Finish])
+        let splits: &[Round] = match self.split {
+            true => &[Round::Basins, Round::Saddles],
+            false => &[],
+        };
+        let splits = std::iter::once(Round::Label).chain(splits.iter().copied());
+        searches.chain(splits).chain([Round::Mesh, Round::Finish])
     }
 
     /// The number of a round, from 1.
     pub fn number(self, round: Round) -> u32 {
-        let searches = self.searches as u32;
-        match round {
-            Round::Search(sweep) => sweep as u32 + 1,
-            Round::Label => searches + 1,
-            Round::Mesh => searches + 2,
-            Round::Finish => searches + 3,
+        let at = self.all().position(|other| other == round);
+        at.expect("a round of these") as u32 + 1
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn rounds_are_numbered_in_their_order() {
+        for (search, split, count) in [
+            (false, false, 3),
+            (true, false, 5),
+            (false, true, 5),
+            (true, true, 7),
+        ] {
+            let rounds = Rounds { search, split };
+            assert_eq!(rounds.count(), count);
+            let numbers: Vec<u32> = rounds.all().map(|round| rounds.number(round)).collect();
+            assert_eq!(numbers, (1..=count).collect::<Vec<u32>>());
+            assert_eq!(rounds.number(Round::Finish), count);
         }
     }
 }

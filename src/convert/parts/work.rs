@@ -1,9 +1,11 @@
 //! The rounds of one part: the stages of a conversion, on its layers.
 
 use crate::checkpoint::{Checkpointer, Identity, LABELS, Marks, Scratch, TILES};
+use crate::convert::cells::KeptBits;
 use crate::convert::components::{Components, SumUp, sum_up};
 use crate::convert::conversion::Conversion;
 use crate::convert::finalize::{FinalizeInput, finalize};
+use crate::convert::id_places::IdPlaces;
 use crate::convert::known_band::KnownBands;
 use crate::convert::label::{Filter, LabelInput, Labelled, LeftOut, Seam, left_out, sweep};
 use crate::convert::memory::{SLABS, TABLES};
@@ -13,13 +15,17 @@ use crate::convert::parts::ids::{IdsOfPart, open_labels};
 use crate::convert::parts::records::{read_records, write_records};
 use crate::convert::parts::rounds::{Round, Rounds};
 use crate::convert::parts::small::small_beyond;
-use crate::convert::read_twice;
-use crate::convert::resolve::resolve;
+use crate::convert::parts::split::{
+    CellsToMesh, MeshedPart, read_cells, write_columns, write_meshed,
+};
+use crate::convert::resolve::{Each, resolve};
 use crate::convert::tables::write_tables;
 use crate::convert::totals::ScannedSums;
+use crate::convert::{ConvertOptions, read_twice};
 use crate::error::{Error, Result};
-use crate::manifest::{LayerRecord, Totals};
+use crate::manifest::{COMPONENTS, LayerRecord, NECKS, Totals};
 use crate::measure::MeshSums;
+use crate::split::NeckRule;
 use crate::sys::memory_pool::{MemoryPool, MemoryReservation};
 use crate::sys::spill_file::SpillFile;
 use crate::sys::state_codec::{Decoder, Encoder};
@@ -35,7 +41,16 @@ const CAPS: &str = "caps";
 /// The file of the layers of a part that have tiles.
 pub const LAYERS: &str = "layers";
 /// The tables, of which a part has the rows of what begins there.
-pub const CSV: [&str; 3] = ["cells.csv", "objects.csv", "surfaces.csv"];
+const CSV: [&str; 3] = ["cells.csv", "objects.csv", "surfaces.csv"];
+
+/// The tables of a conversion.
+pub fn tables(options: &ConvertOptions) -> Vec<&'static str> {
+    let more: &[&str] = match options.split {
+        Some(_) => &[COMPONENTS, NECKS],
+        None => &[],
+    };
+    [&CSV, more].concat()
+}
 
 /// What labelling a part, or searching it, has found.
 #[derive(Debug, Clone, Copy, Serialize, Deserialize)]
@@ -88,19 +103,34 @@ impl PartWork<'_> {
         match round {
             Round::Search(sweep) => self.label(attempt, sweep),
             Round::Label => self.label(attempt, LABELS),
+            Round::Basins => self.basins(attempt, self.rule()),
+            Round::Saddles => self.saddles(attempt, self.rule()),
             Round::Mesh => self.mesh(attempt),
             Round::Finish => self.finish(attempt),
         }
     }
 
-    fn checkpointer(&self, attempt: &Attempt) -> Result<Checkpointer> {
+    /// How cells are split, in a round that there is for that.
+    fn rule(&self) -> NeckRule {
+        let rule = self.job.options.split;
+        rule.expect("a plan's rounds are those of its options")
+    }
+
+    /// What an attempt leaves of its sweep, and whether its files are on the disk.
+    ///
+    /// # Errors
+    /// [`Error::Io`].
+    pub(super) fn checkpointer(&self, attempt: &Attempt) -> Result<Checkpointer> {
         let identity = Identity::new(self.directory.plan.identity.clone());
         let dust = self.job.options.min_voxels > 1;
         Checkpointer::new(&attempt.dir, &identity, dust, self.job.made.end)
     }
 
     /// Says that an attempt is whole, once its files are on the disk if others of it are.
-    fn done<T: Serialize>(
+    ///
+    /// # Errors
+    /// [`Error::Io`], [`Error::InputChanged`].
+    pub(super) fn done<T: Serialize>(
         &self,
         attempt: Attempt,
         mut checkpointer: Checkpointer,
@@ -129,18 +159,22 @@ impl PartWork<'_> {
             let swept = sweep(&input, number, &filters, &mut checkpointer)?;
             Ok((swept, left_out(&filters)))
         })?;
-        let nan = match number {
-            LABELS => {
-                let files = Scratch::of_sweep(work, LABELS);
-                let labelled = Labelled::read(&files, &swept.marks, job.made)?;
-                labelled.map_or(0, |labelled| labelled.nan)
-            }
-            _ => 0,
-        };
         swept.seam.write(&work.join(SEAM))?;
+        let mut files = vec![FileSum::of(work, SEAM)?];
+        let mut nan = 0;
+        if number == LABELS {
+            let labels = Scratch::of_sweep(work, LABELS);
+            if let Some(labelled) = Labelled::read(&labels, &swept.marks, job.made)? {
+                nan = labelled.nan;
+                if let Some(rule) = job.options.split {
+                    let mut bits = KeptBits::new(job.plan.tiling, job.made, &labelled.bands);
+                    files.extend(write_columns(job, rule, &mut bits, work)?);
+                }
+            }
+        }
         let made = Made {
             marks: swept.marks,
-            files: vec![FileSum::of(work, SEAM)?],
+            files,
             result: LabelsOfPart { left_out, nan },
         };
         self.done(attempt, checkpointer, made)
@@ -199,6 +233,9 @@ impl PartWork<'_> {
             kept: &labelled.bands,
             ids: &resolved.bands,
         };
+        let cells = job.options.split;
+        let cells = cells.map(|rule| self.cells_to_mesh(rule, known, &memory, work));
+        let cells = cells.transpose()?;
         let meshed = read_twice(job, work, |volume, _| {
             let input = MeshInput {
                 job,
@@ -206,7 +243,7 @@ impl PartWork<'_> {
                 memory: &memory,
                 writer: &writer,
                 known,
-                cells: None,
+                cells: cells.as_ref().map(|cells| &cells.given),
             };
             mesh(&input, &mut checkpointer)
         })?;
@@ -219,8 +256,7 @@ impl PartWork<'_> {
             meshed: &mut output,
             places: ids.places,
         };
-        let components = sum_up(input, None, job.plan.tables(), work)?;
-        let mut files = write_records(work, &components, &ids.shared)?;
+        let (mut files, result) = self.records(input, cells, &ids.shared, work)?;
         write_caps(&work.join(CAPS), &output.caps)?;
         files.push(FileSum::of(work, CAPS)?);
         let mut marks = Marks::default();
@@ -228,9 +264,46 @@ impl PartWork<'_> {
         let made = Made {
             marks,
             files,
-            result: (),
+            result,
         };
         self.done(attempt, checkpointer, made)
+    }
+
+    /// Sums up what was found of components, surfaces and cells, and writes it.
+    fn records(
+        &self,
+        input: SumUp,
+        cells: Option<CellsToMesh>,
+        shared: &Each<Vec<u64>>,
+        work: &Path,
+    ) -> Result<(Vec<FileSum>, MeshedPart)> {
+        let memory = self.job.plan.tables();
+        let Some(cells) = cells else {
+            let components = sum_up(input, None, memory, work)?;
+            let files = write_records(work, &components, shared)?;
+            return Ok((files, MeshedPart::default()));
+        };
+        let mut components = sum_up(input, Some(cells.given), memory, work)?;
+        let (part, made) = (self.part, &mut components);
+        let (records, result) = write_meshed(work, part, made, shared, &cells.shared)?;
+        Ok(([cells.files, records].concat(), result))
+    }
+
+    /// What the whole volume knows of the part's components, surfaces and cells, when it is meshed.
+    fn components(
+        &self,
+        done: &Done<MeshedPart>,
+        places: Each<IdPlaces>,
+        work: &Path,
+    ) -> Result<Components> {
+        let (directory, part) = (self.directory, self.part);
+        let round = self.rounds.number(Round::Mesh);
+        if self.job.options.split.is_some() {
+            let merged = directory.merged(round, part)?;
+            return read_cells(self, places, done, &merged, work);
+        }
+        let empty = Components::none_yet(places, self.job.plan.tables(), work)?;
+        read_records(empty, done, &directory.merged::<()>(round, part)?, part)
     }
 
     /// The memory that tables may take.
@@ -244,18 +317,15 @@ impl PartWork<'_> {
     fn finish(&self, attempt: Attempt) -> Result<()> {
         let (job, directory, part) = (self.job, self.directory, self.part);
         let KnownLabels { done: labels, ids } = self.labels()?;
-        let places = ids.places;
         let round = self.rounds.number(Round::Mesh);
-        let done: Done<()> = directory.done_by(round, part)?;
-        let merged: Done<()> = directory.merged(round, part)?;
+        let done: Done<MeshedPart> = directory.done_by(round, part)?;
         done.check_marks()?;
         let work = &attempt.dir;
         let mut checkpointer = self.checkpointer(&attempt)?;
         make_directories(work)?;
         let memory = job.plan.pool();
         let _tables = self.table_memory(&memory);
-        let empty = Components::none_yet(places, job.plan.tables(), work)?;
-        let components = read_records(empty, &done, &merged, part)?;
+        let components = self.components(&done, ids.places, work)?;
         let caps = read_caps(&done.file(CAPS)?.0)?;
         let files = Scratch::of_sweep(&done.dir, TILES);
         let tiles = MeshOutput::open(&files, &done.marks, job.made, caps)?;
@@ -281,7 +351,7 @@ impl PartWork<'_> {
             nan: labels.result.nan,
         };
         let mut voxels_below = 0;
-        for place in 0..components.places.cells.own {
+        for place in 0..components.own_cells() {
             voxels_below += components.cells.get(place)?.voxels.voxels;
         }
         let result = FinishedPart {
@@ -291,7 +361,7 @@ impl PartWork<'_> {
         };
         let made = Made {
             marks: Marks::default(),
-            files: finished_files(work, &mut set)?,
+            files: finished_files(work, &mut set, &self::tables(job.options))?,
             result,
         };
         self.done(attempt, checkpointer, made)
@@ -299,12 +369,12 @@ impl PartWork<'_> {
 }
 
 /// The files that finishing a part leaves, but for tiles and shards.
-fn finished_files(work: &Path, set: &mut TilesetWriter) -> Result<Vec<FileSum>> {
+fn finished_files(work: &Path, set: &mut TilesetWriter, tables: &[&str]) -> Result<Vec<FileSum>> {
     let mut layers = SpillFile::create(&work.join(LAYERS))?;
     let records: Vec<LayerRecord> = set.layer_records()?;
     layers.push(&records)?;
     layers.mark()?;
-    let names = [LAYERS].into_iter().chain(CSV);
+    let names = [LAYERS].iter().chain(tables);
     names.map(|name| FileSum::of(work, name)).collect()
 }
 

@@ -1,5 +1,6 @@
 //! The split against its definition, on shapes whose cells are known, and on phantoms.
 
+mod in_parts;
 mod phantoms;
 mod reference;
 mod shapes;
@@ -54,6 +55,7 @@ impl Solid {
     fn grid(&self, height: usize, band: usize) -> SlabGrid {
         SlabGrid {
             dims: Dims(self.dims.map(|n| n as u32)),
+            slices: [0, self.dims[2] as u32],
             height: height as u32,
             band: band as u32,
         }
@@ -274,7 +276,9 @@ proptest! {
 fn levels_of<T: Level>(solid: &Solid, metric: &Metric, grid: SlabGrid) -> Vec<u64> {
     let dir = tempfile::tempdir().unwrap();
     let mut source = solid.clone();
-    let bits = bits::SolidBits::gather(&mut source, grid, metric.reach(), dir.path(), &Quiet);
+    let reach = metric.reach();
+    let beside = Beside::unknown(grid.dims, reach);
+    let bits = bits::SolidBits::gather(&mut source, grid, reach, beside, dir.path(), &Quiet);
     let bits = bits.unwrap();
     let mut all = vec![None; solid.voxels.len()];
     let mut buffers = DistanceBuffers::default();

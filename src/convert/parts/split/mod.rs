@@ -1,0 +1,26 @@
+//! Cells that are split at their necks, in parts of a volume.
+//!
+//! | file | what it is |
+//! |---|---|
+//! | `columns` | how far it is from the faces of a part to what is solid in others |
+//! | `basins` | the round that finds the basins of a part, and what joins them |
+//! | `cells` | the round that finds their saddles, and what joins them to cells |
+//! | `meshed` | what a part finds of its cells when it is meshed: sums, surfaces, necks |
+//! | `join_records`, `surfaces`, `necks` | what joins these |
+//! | `finished` | what a part is to know of all its cells when it is finished |
+
+mod basins;
+mod cells;
+mod columns;
+mod finished;
+mod join_records;
+mod meshed;
+mod necks;
+mod surfaces;
+
+pub use basins::merge_basins;
+pub use cells::{MergedCells, merge_cells};
+pub use columns::write_columns;
+pub use finished::read_cells;
+pub use join_records::merge_split_records;
+pub use meshed::{CellsToMesh, MeshedPart, write_meshed};
