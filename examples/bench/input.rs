@@ -6,6 +6,8 @@ use std::process::Command;
 
 /// A volume on disk.
 pub struct Input {
+    /// What it shows.
+    pub what: &'static str,
     pub path: PathBuf,
     pub dims: [u32; 3],
     pub dtype: &'static str,
@@ -19,18 +21,27 @@ impl Input {
 
     pub fn name(&self) -> String {
         let [x, y, z] = self.dims;
-        format!("{x} x {y} x {z} {}", self.dtype)
+        format!("{}, {x} x {y} x {z} {}", self.what, self.dtype)
     }
 
-    /// Makes a foam, unless a file of that size is there.
-    pub fn foam(dir: &Path, dims: [u32; 3], dtype: &'static str) -> Result<Input, String> {
+    /// Makes a phantom of this kind, unless a file of that size is there.
+    pub fn phantom(
+        dir: &Path,
+        what: &'static str,
+        dims: [u32; 3],
+        dtype: &'static str,
+    ) -> Result<Input, String> {
         let [x, y, z] = dims;
-        let path = dir.join(format!("foam_{x}x{y}x{z}_{dtype}.raw"));
+        let path = dir.join(format!("{what}_{x}x{y}x{z}_{dtype}.raw"));
         let (bytes, threshold) = match dtype {
             "u8" => (1, 127.5),
-            _ => (2, 32_767.5),
+            "u16" => (2, 32_767.5),
+            "i16" => (2, -0.5),
+            "f32" => (4, 0.5),
+            _ => return Err(format!("no phantoms of {dtype} here")),
         };
         let input = Input {
+            what,
             path,
             dims,
             dtype,
@@ -40,7 +51,7 @@ impl Input {
         if std::fs::metadata(&input.path).map_or(0, |m| m.len()) != size {
             let text = format!("{x},{y},{z}");
             let path = input.path.display().to_string();
-            let args = ["phantom", "foam", &path, "--dims", &text, "--dtype", dtype];
+            let args = ["phantom", what, &path, "--dims", &text, "--dtype", dtype];
             run::timed(Alvis::command(
                 &[&args[..], &["--force", "--quiet"]].concat(),
             )?)?;

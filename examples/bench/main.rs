@@ -1,19 +1,21 @@
 //! How fast, beside what else there is: whole processes on the same volumes, taken in turns.
 //!
 //! ```sh
-//! cargo run --release --example bench -- [DIRECTORY] [--python PYTHON] [--deep] [--lobster FILE]
+//! cargo run --release --example bench -- [DIRECTORY] [--python PYTHON] [--kinds] [--deep] [--lobster FILE]
 //! ```
 //!
 //! Makes foams in DIRECTORY (by default `target/bench`; with what comes of them 12 GiB, with `--deep` 60 GiB),
 //! and prints a table of medians as Markdown. Volumes are in the file cache, as far as memory has room. With
 //! the PYTHON of an environment that has the packages that `peers.py` beside this file names, others race
-//! along. `--deep` adds the volumes of ten times the depth and of eight times the voxels; `--lobster` adds a
+//! along. `--kinds` takes volumes of other kinds instead: rock, floats, signed numbers, little surface, noise, and the
+//! real scans below `ALVIS_DATA`. `--deep` adds the volumes of ten times the depth and of eight times the voxels; `--lobster` adds a
 //! real scan (301 x 324 x 56, u8) repeated to 1 GB.
 //!
 //! Its results are deleted in the end, and ext4 without a journal is slow to make files for six minutes after
 //! others were deleted, a build's too: run it again later.
 
 mod input;
+mod kinds;
 mod run;
 
 use input::{Input, Sets};
@@ -23,6 +25,8 @@ use std::process::ExitCode;
 
 /// Runs of each command, in turns.
 const RUNS: usize = 9;
+/// Runs of each command on volumes of other kinds.
+const RUNS_OF_KINDS: usize = 5;
 /// Voxels from which on a volume is converted less often.
 const LARGE: f64 = 1e9;
 
@@ -187,6 +191,49 @@ impl Race {
         );
     }
 
+    /// What is told of a volume of another kind; `web` are conversions with `--for web`.
+    fn rows_of_kind(&self, input: &Input, web: &[Sample], table: &mut Table) {
+        let (name, ours) = (input.name(), seconds(&self.all));
+        let triangles = self.all[0].number("triangles");
+        let processor = |samples: &[Sample]| median(samples.iter().map(|s| s.processor));
+        table.row(
+            format!("{name}: convert"),
+            format!("{ours:.3} s"),
+            format!(
+                "{:.2} s of processor time, {:.3} triangles per voxel, {:.0} MiB",
+                processor(&self.all),
+                triangles / input.voxels(),
+                mib(peak(&self.all))
+            ),
+        );
+        if let Some(surface) = self.surface.first() {
+            let vtk = median(self.surface.iter().map(|s| s.number("seconds")));
+            // where faces are ambiguous, others may have other triangles
+            let theirs = surface.number("triangles") / triangles;
+            table.row(
+                format!("{name}: convert / {} Flying Edges", surface.text("version")),
+                format!("{:.2}", ours / vtk),
+                format!("{vtk:.3} s, {theirs:.4} times the triangles"),
+            );
+        }
+        for (what, samples) in [
+            ("verify / convert", &self.verify[..]),
+            ("--for web / default", web),
+        ] {
+            let of_processor = processor(samples) / processor(&self.all);
+            table.row(
+                format!("{name}: {what}"),
+                format!("{:.2}", seconds(samples) / ours),
+                format!("{of_processor:.2} of processor time"),
+            );
+        }
+        table.row(
+            format!("{name}: index entries per triangle"),
+            format!("{:.3}", self.all[0].number("strip_indices") / triangles),
+            "stitches included".into(),
+        );
+    }
+
     /// # Errors
     /// If the surface has another number of triangles.
     fn peer_rows(&self, name: &str, table: &mut Table) -> Result<(), String> {
@@ -311,6 +358,7 @@ fn sparse(file: &Path, dir: &Path, sets: &mut Sets, table: &mut Table) -> Result
     let path = dir.join("lobsters.raw");
     std::fs::write(&path, samples.repeat(times as usize)).map_err(|e| e.to_string())?;
     let inputs = [40.0, 130.0].map(|threshold| Input {
+        what: "lobster",
         path: path.clone(),
         dims: [x, y, slices * times as u32],
         dtype: "u8",
@@ -331,6 +379,30 @@ fn sparse(file: &Path, dir: &Path, sets: &mut Sets, table: &mut Table) -> Result
     Ok(())
 }
 
+/// Volumes of other kinds.
+fn kinds(
+    inputs: &[Input],
+    sets: &mut Sets,
+    peers: Option<&Peer>,
+    table: &mut Table,
+) -> Result<(), String> {
+    for input in inputs {
+        let mut race = Race::default();
+        let mut web = Vec::new();
+        for _ in 0..RUNS_OF_KINDS {
+            race.all.push(input.convert(sets, &[])?);
+            race.verify.push(Alvis::verify(&sets.last())?);
+            web.push(input.convert(sets, &["--for", "web"])?);
+            if let Some(peer) = peers {
+                sets.empty()?;
+                race.surface.push(peer.run(input_args(input), "vtk")?);
+            }
+        }
+        race.rows_of_kind(input, &web, table);
+    }
+    Ok(())
+}
+
 /// What to do.
 #[derive(Default)]
 struct Args {
@@ -338,6 +410,7 @@ struct Args {
     python: Option<PathBuf>,
     lobster: Option<PathBuf>,
     deep: bool,
+    kinds: bool,
 }
 
 fn args() -> Result<Args, String> {
@@ -349,6 +422,7 @@ fn args() -> Result<Args, String> {
             Some("--python") => args.python = Some(value()?),
             Some("--lobster") => args.lobster = Some(value()?),
             Some("--deep") => args.deep = true,
+            Some("--kinds") => args.kinds = true,
             Some(option) if option.starts_with('-') => return Err(format!("unknown: {option}")),
             _ => args.dir = Some(arg.into()),
         }
@@ -363,9 +437,20 @@ fn bench(args: &Args) -> Result<(), String> {
     let peers = args.python.as_deref().map(Peer::new);
     let mut table = Table::default();
     println!("{}", run::machine());
+    if args.kinds {
+        let data = std::env::var_os("ALVIS_DATA").map(PathBuf::from);
+        let mut inputs = kinds::made_up(&dir)?;
+        inputs.extend(kinds::scans(
+            &data.unwrap_or_else(|| "../shared/data".into()),
+            &dir,
+        )?);
+        kinds(&inputs, &mut sets, peers.as_ref(), &mut table)?;
+        table.print();
+        return sets.delete();
+    }
     for (dims, dtype) in [([313, 313, 380], "u8"), ([512; 3], "u16")] {
         race(
-            &Input::foam(&dir, dims, dtype)?,
+            &Input::phantom(&dir, "foam", dims, dtype)?,
             &mut sets,
             peers.as_ref(),
             &mut table,
@@ -375,11 +460,11 @@ fn bench(args: &Args) -> Result<(), String> {
     sizes.extend(args.deep.then_some(2048));
     let sizes: Vec<_> = sizes
         .iter()
-        .map(|&n| Input::foam(&dir, [n; 3], "u8"))
+        .map(|&n| Input::phantom(&dir, "foam", [n; 3], "u8"))
         .collect::<Result<_, _>>()?;
     flatness(&sizes, &mut sets, &mut table)?;
     if args.deep {
-        let input = Input::foam(&dir, [512, 512, 5120], "u16")?;
+        let input = Input::phantom(&dir, "foam", [512, 512, 5120], "u16")?;
         deep(&input, &mut sets, &mut table)?;
     }
     if let Some(file) = &args.lobster {

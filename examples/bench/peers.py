@@ -1,6 +1,6 @@
 """What else makes a surface of the same raw volume: one JSON line per run.
 
-    peers.py FILE NX NY NZ u8|u16 THRESHOLD vtk|script
+    peers.py FILE NX NY NZ u8|u16|i16|f32 THRESHOLD vtk|script
 
 vtk     vtkFlyingEdges3D with normals on all cores; reading the file and the import are left out, and
         the best of three runs counts: the surface stays in memory
@@ -59,7 +59,7 @@ def script(samples: np.ndarray, value: float, start: float) -> dict:
 def main() -> None:
     path, nx, ny, nz, kind, value, peer = sys.argv[1:]
     start = time.perf_counter()
-    samples = np.fromfile(path, {"u8": "u1", "u16": "<u2"}[kind]).reshape(int(nz), int(ny), int(nx))
+    samples = np.fromfile(path, {"u8": "u1", "u16": "<u2", "i16": "<i2", "f32": "<f4"}[kind]).reshape(int(nz), int(ny), int(nx))
     if peer == "vtk":
         found = flying_edges(samples, float(value))
         found["version"] = "VTK " + importlib.metadata.version("vtk")

@@ -204,8 +204,11 @@ impl Edges {
             if roots < 2 {
                 return;
             }
-            let of = |v: u32| self.parent[v as usize];
-            if of(a) == of(b) && of(b) == of(c) {
+            // most are seen to be in one part already by the parents of their corners, or by the parents of these
+            let parents = |of: [u32; 3]| of.map(|v| self.parent[v as usize]);
+            let is_one = |[a, b, c]: [u32; 3]| a == b && b == c;
+            let known = parents([a, b, c]);
+            if is_one(known) || is_one(parents(known)) {
                 continue;
             }
             let (a, b, c) = (self.part(a), self.part(b), self.part(c));

@@ -107,11 +107,12 @@ impl Inside {
         let mut out = Inside::default();
         for (points, state) in points.chunks(CHUNK).zip(state.chunks(CHUNK)) {
             let mut sums = [0; SUMS];
-            let mut ends = [([0; 3], 0); CHUNK];
-            for (at, sign) in run_ends(points, state, region, &mut ends) {
-                end_run(&mut sums, at.map(i64::from), i64::from(*sign));
+            let mut ends = [0; CHUNK];
+            for &i in run_ends(points, region, &mut ends) {
+                let (at, sign) = run_end(points[usize::from(i)], state[usize::from(i)]);
+                end_run(&mut sums, at, sign);
             }
-            for (sum, part) in out.sums.iter_mut().zip(sums) {
+            for (sum, part) in out.sums.iter_mut().zip(divided(sums)) {
                 *sum += i128::from(part);
             }
         }
@@ -266,42 +267,58 @@ fn widen((lo, hi): &mut Boxes, points: &[Vertex; LANES], state: &[u8; LANES]) {
     }
 }
 
-/// Vertices whose run ends are added up in 64 bits: each adds less than 2^48 to a sum.
+/// Vertices whose run ends are added up in 64 bits: each adds less than 2^50 to a sum.
 const CHUNK: usize = 256;
 
-/// The ends of runs among at most [`CHUNK`] vertices: the first voxel behind it, and 1 if the cell ends
-/// there, else -1. The tile owns them all.
+/// Which of at most [`CHUNK`] vertices are ends of runs that the tile owns.
 #[inline(always)]
-fn run_ends<'a>(
-    points: &[Vertex],
-    state: &[u8],
-    region: &Region,
-    ends: &'a mut [([i32; 3], i32); CHUNK],
-) -> &'a [([i32; 3], i32)] {
+fn run_ends<'a>(points: &[Vertex], region: &Region, ends: &'a mut [u8; CHUNK]) -> &'a [u8] {
     let first = region.first_owned();
     let mut count = 0;
-    for (&[x, y, z, code], &state) in points.iter().zip(state) {
-        let sign = i32::from(state & (UP | DOWN) == DOWN) * 2 - 1;
+    for (i, &[x, y, z, code]) in points.iter().enumerate() {
         // written without asking whether it is one: else the next one takes its place
-        ends[count] = ([(x >> 8) + 1, y >> 8, z >> 8], sign);
+        ends[count % CHUNK] = i as u8;
         let owned = (x >= first[0]) & (y >= first[1]) & (z >= first[2]);
         count += usize::from(owned & (code >> BITS == 0));
     }
     &ends[..count]
 }
 
-/// Adds the end of a run of voxels before x = b.
+/// The first voxel behind the run that ends at a vertex, and 1 if the cell ends there, else -1.
+#[inline(always)]
+fn run_end([x, y, z, _]: Vertex, state: u8) -> ([i64; 3], i64) {
+    let sign = i64::from(state & (UP | DOWN) == DOWN) * 2 - 1;
+    ([(x >> 8) + 1, y >> 8, z >> 8].map(i64::from), sign)
+}
+
+/// Adds the end of a run of voxels before x = b: to sums of k and of k^2 for k in 0..b their doubles and their
+/// sixfold, see [`divided`].
 #[inline(always)]
 fn end_run(sums: &mut [i64; SUMS], [b, y, z]: [i64; 3], sign: i64) {
-    let weights = [1, y, z, y * y, z * z, y * z];
-    let [x, xx] = power_sums(b);
-    for (i, w) in weights.into_iter().enumerate() {
-        sums[i] += sign * w * b;
-    }
-    for i in 0..3 {
-        sums[6 + i] += sign * x * weights[i];
-    }
-    sums[9] += sign * xx;
+    let voxels = sign * b;
+    let x = voxels * (b - 1);
+    let (by, bz) = (voxels * y, voxels * z);
+    let all = [
+        voxels,
+        by,
+        bz,
+        by * y,
+        bz * z,
+        by * z,
+        x,
+        x * y,
+        x * z,
+        x * (2 * b - 1),
+    ];
+    sums.iter_mut().zip(all).for_each(|(sum, v)| *sum += v);
+}
+
+/// What was added up by [`end_run`].
+#[inline(always)]
+fn divided(mut sums: [i64; SUMS]) -> [i64; SUMS] {
+    sums[6..9].iter_mut().for_each(|sum| *sum /= 2);
+    sums[9] /= 6;
+    sums
 }
 
 /// The sums of k and of k^2 for k in 0..n.
@@ -378,7 +395,7 @@ mod tests {
             });
             if axis == 0 && region.owns(p) {
                 let at = high.map(i64::from);
-                run_end(&mut out, at, if cell_is_low { 1 } else { -1 });
+                add_run_end(&mut out, at, if cell_is_low { 1 } else { -1 });
             }
         }
         out
@@ -414,10 +431,10 @@ mod tests {
         }
     }
 
-    fn run_end(inside: &mut Inside, at: [i64; 3], sign: i64) {
+    fn add_run_end(inside: &mut Inside, at: [i64; 3], sign: i64) {
         let mut sums = [0; SUMS];
         end_run(&mut sums, at, sign);
-        for (sum, part) in inside.sums.iter_mut().zip(sums) {
+        for (sum, part) in inside.sums.iter_mut().zip(divided(sums)) {
             *sum += i128::from(part);
         }
     }
@@ -446,8 +463,8 @@ mod tests {
         let mut inside = Inside::default();
         let mut voxels = Vec::new();
         for (start, end, y, z) in [(2, 7, 3, 5), (9, 10, 3, 5), (1, 4, 6, 0)] {
-            run_end(&mut inside, [start, y, z], -1);
-            run_end(&mut inside, [end, y, z], 1);
+            add_run_end(&mut inside, [start, y, z], -1);
+            add_run_end(&mut inside, [end, y, z], 1);
             voxels.extend((start..end).map(|x| [x, y, z].map(i128::from)));
         }
         assert_eq!(inside.moments(true, [0; 6], 12), plain(&voxels));
@@ -458,7 +475,7 @@ mod tests {
     #[test]
     fn runs_that_reach_the_far_face_end_there() {
         let mut inside = Inside::default();
-        run_end(&mut inside, [4, 2, 9], -1);
+        add_run_end(&mut inside, [4, 2, 9], -1);
         let voxels: Vec<_> = (4..11).map(|x| [x, 2, 9]).collect();
         let far = [1, 2, 9, 4, 81, 18];
         assert_eq!(inside.moments(true, far, 11), plain(&voxels));

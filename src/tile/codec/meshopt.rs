@@ -6,6 +6,7 @@
 
 use super::octahedral::{Kind, decode_filter, quantize};
 use super::quantized::{self, Quantized};
+use super::streams;
 use super::{MAX_SHIFT, Reach, TileCodec, VertexFormat};
 use crate::gltf::accessors::Element;
 use crate::gltf::bin_writer::{Bin, IndexList, Section, Views};
@@ -105,23 +106,23 @@ impl TileCodec for Meshopt {
     }
 
     fn put_vertices(&self, bin: &mut Bin, data: &[u8], stride: usize) {
-        // the extension has version 0 of the codec, which knows no levels
-        let (level, version) = (0, Some(0));
         let stream = match stride {
-            4 => ::meshopt::encode_vertex_buffer_level(data.as_chunks::<4>().0, level, version),
-            8 => ::meshopt::encode_vertex_buffer_level(data.as_chunks::<8>().0, level, version),
+            4 => streams::vertices(data.as_chunks::<4>().0),
+            8 => streams::vertices(data.as_chunks::<8>().0),
             _ => unreachable!("vertices of {stride} bytes"),
         };
-        bin.compressed(&stream.expect("cannot fail"));
+        bin.compressed(&stream);
     }
 
     fn put_indices(&self, bin: &mut Bin, list: &IndexList) {
         let (indices, vertices) = (list.indices, list.vertices as usize);
         let stream = match list.kind {
-            Primitives::Strips => ::meshopt::encode_index_sequence(indices, vertices),
-            Primitives::Triangles => ::meshopt::encode_index_buffer(indices, vertices),
+            Primitives::Strips => streams::sequence(indices),
+            Primitives::Triangles => {
+                ::meshopt::encode_index_buffer(indices, vertices).expect("cannot fail")
+            }
         };
-        bin.compressed(&stream.expect("cannot fail"));
+        bin.compressed(&stream);
     }
 
     fn add_view(&self, views: &mut Views, part: Section, compressed: u32) {

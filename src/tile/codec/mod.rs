@@ -5,6 +5,7 @@ mod float;
 mod meshopt;
 mod octahedral;
 mod quantized;
+mod streams;
 #[cfg(test)]
 mod tests;
 mod vertices;

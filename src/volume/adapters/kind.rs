@@ -90,6 +90,36 @@ struct Seen {
     runs: u64,
     /// Those that are no longer than [`SHORT`].
     short: u64,
+    /// Bits of samples whose values were added.
+    recent: Recent,
+    /// Where runs of a row begin.
+    begins: Vec<u8>,
+}
+
+/// Bits of some samples that were seen, each in its place: nearly all samples have these, and a set takes much longer
+/// to ask.
+#[derive(Debug)]
+struct Recent([u64; Recent::PLACES]);
+
+impl Default for Recent {
+    fn default() -> Self {
+        // what has another place: 0 belongs to the first one, 1 does not
+        let mut places = [0; Recent::PLACES];
+        places[0] = 1;
+        Recent(places)
+    }
+}
+
+impl Recent {
+    const PLACES: usize = 1 << 10;
+
+    /// True if these bits are there; takes them if not.
+    #[inline(always)]
+    fn has(&mut self, bits: u64) -> bool {
+        // the product's upper bits depend on all of these
+        let place = bits.wrapping_mul(0x9E37_79B9_7F4A_7C15) >> 54;
+        std::mem::replace(&mut self.0[place as usize], bits) == bits
+    }
 }
 
 impl Watch {
@@ -167,19 +197,50 @@ fn value(ordered: i64) -> f64 {
 impl Seen {
     /// Adds a row of samples.
     fn add<T: Voxel>(&mut self, row: &[u8]) {
-        let mut samples = row.chunks_exact(size_of::<T>()).peekable();
-        while let Some(first) = samples.next() {
-            let mut length = 1;
-            while samples.next_if_eq(&first).is_some() {
-                length += 1;
-            }
-            self.runs += 1;
-            self.short += u64::from(length <= SHORT);
-            if self.values.len() <= MOST {
-                let sample: T = bytemuck::pod_read_unaligned(first);
+        match size_of::<T>() {
+            1 => self.add_samples::<T, 1>(row.as_chunks().0),
+            2 => self.add_samples::<T, 2>(row.as_chunks().0),
+            4 => self.add_samples::<T, 4>(row.as_chunks().0),
+            _ => self.add_samples::<T, 8>(row.as_chunks().0),
+        }
+    }
+
+    fn add_samples<T: Voxel, const N: usize>(&mut self, samples: &[[u8; N]]) {
+        if self.values.len() > MOST {
+            return; // these are grey values, whatever comes
+        }
+        self.count_runs(samples);
+        for sample in samples {
+            let mut bits = [0; 8];
+            bits[..N].copy_from_slice(sample);
+            if !self.recent.has(u64::from_le_bytes(bits)) && self.values.len() <= MOST {
+                let sample: T = bytemuck::pod_read_unaligned(sample);
                 self.values.insert(ordered(sample.to_f64()));
             }
         }
+    }
+
+    /// Counts runs of samples of the same bits, and those of them that are short. Where they begin is found for many
+    /// samples at once, since no branch on it could be foretold.
+    fn count_runs<const N: usize>(&mut self, samples: &[[u8; N]]) {
+        let [_, others @ ..] = samples else { return };
+        let count = samples.len();
+        self.begins.clear();
+        // the first one begins a run, and behind the last run another one would begin
+        self.begins.resize(count + SHORT, 1);
+        let begins = self.begins[1..count].iter_mut();
+        for ((begins, before), sample) in begins.zip(samples).zip(others) {
+            *begins = u8::from(before != sample);
+        }
+        const { assert!(SHORT == 2) };
+        let [one, two, three] = [0, 1, 2].map(|i| &self.begins[i..i + count]);
+        let (mut runs, mut short) = (0u32, 0u32);
+        for i in 0..count {
+            runs += u32::from(one[i]);
+            short += u32::from(one[i] & (two[i] | three[i]));
+        }
+        self.runs += u64::from(runs);
+        self.short += u64::from(short);
     }
 
     fn kind(&self) -> Option<Kind> {
@@ -269,6 +330,48 @@ mod tests {
         statistics(&watched, None, &Quiet).unwrap();
         assert_eq!(format!("{:?}", watch.kind()), format!("{once:?}"));
         once
+    }
+
+    /// Against sample by sample, and every value asked for in the set.
+    fn is_seen_as_one_by_one<T: Voxel>(rows: &[Vec<T>]) {
+        let (mut seen, mut values) = (Seen::default(), BTreeSet::new());
+        let (mut runs, mut short) = (0, 0);
+        for row in rows {
+            seen.add::<T>(bytemuck::cast_slice(row));
+            for run in row.chunk_by(|a, b| bytemuck::bytes_of(a) == bytemuck::bytes_of(b)) {
+                runs += 1;
+                short += u64::from(run.len() <= SHORT);
+                values.insert(ordered(run[0].to_f64()));
+            }
+        }
+        let found = (seen.runs, seen.short, seen.values);
+        assert_eq!(found, (runs, short, values));
+    }
+
+    #[test]
+    fn what_is_seen_at_once_is_what_is_there() {
+        let number = |i: u64| (i.wrapping_mul(0x9E37_79B9_7F4A_7C15) >> 40) as u32;
+        for values in [2, 3, 9, 250] {
+            for length in [1, 2, 3, 64, 331] {
+                let row = |r: u64| {
+                    let sample = |i: u64| number(i / 2 + 1000 * r) % values;
+                    (0..length).map(sample).collect::<Vec<_>>()
+                };
+                let rows: Vec<_> = (0..20).map(row).collect();
+                fn cast<T>(rows: &[Vec<u32>], to: impl Fn(u32) -> T) -> Vec<Vec<T>> {
+                    let row = |row: &Vec<u32>| row.iter().map(|&v| to(v)).collect();
+                    rows.iter().map(row).collect()
+                }
+                is_seen_as_one_by_one(&cast(&rows, |v| v as u8));
+                is_seen_as_one_by_one(&cast(&rows, |v| v as i16 - 100));
+                is_seen_as_one_by_one(&cast(&rows, |v| v as f32 / 7.0 - 5.0));
+                is_seen_as_one_by_one(&cast(&rows, |v| match v {
+                    0 => f64::NAN,
+                    1 => -0.0,
+                    _ => f64::from(v) - 3.0,
+                }));
+            }
+        }
     }
 
     fn in_ball([x, y, z]: [u32; 3]) -> f64 {
