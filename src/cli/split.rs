@@ -8,7 +8,7 @@ use crate::grid::{Fill, Origin, Shape, Unit};
 use crate::manifest::{Manifest, PartsBy};
 use clap::{Args, Parser, ValueHint};
 use serde::Serialize;
-use std::ffi::{OsStr, OsString};
+use std::ffi::OsString;
 use std::path::{Path, PathBuf};
 
 /// Make a tile set again with its cells split at another ratio, and all else as it was
@@ -119,7 +119,9 @@ impl SplitArgs {
             ("json", self.common.json),
             ("quiet", self.common.quiet),
         ];
-        flags.map(|(name, is)| words.flag(name, is));
+        for (name, is) in flags {
+            words.flag(name, is);
+        }
         Ok(words.0)
     }
 
@@ -275,6 +277,7 @@ fn source(words: &mut Words, manifest: &Manifest) {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use std::ffi::OsStr;
 
     #[test]
     fn a_value_that_begins_as_an_option_does_is_one_word() {
