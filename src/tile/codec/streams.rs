@@ -124,8 +124,8 @@ fn best_bits(group: &[u8; GROUP], before: Option<Bits>) -> Bits {
 fn count_beyond(word: u64, most: u8) -> u32 {
     const ONES: u64 = 0x0101_0101_0101_0101;
     // to the lower seven bits of each byte is added what carries into the eighth
-    let carried = (word & 0x7F * ONES) + u64::from(0x80 - most) * ONES;
-    ((carried | word) & 0x80 * ONES).count_ones()
+    let carried = (word & (0x7F * ONES)) + u64::from(0x80 - most) * ONES;
+    ((carried | word) & (0x80 * ONES)).count_ones()
 }
 
 /// Writes a group from byte `at` on; returns where it ends. Up to a byte behind it is written over.
