@@ -796,3 +796,107 @@ fn openings_and_the_curve_of_ratios_are_listed() {
     assert_eq!(lod.status.code(), Some(2));
     assert!(!out.join("lod").exists());
 }
+
+#[test]
+fn many_labels_in_a_tile_keep_the_limit_of_memory() {
+    let dir = tempfile::tempdir().unwrap();
+    let here = dir.path();
+    let (n, block) = (48u32, 3);
+    std::fs::write(here.join("noise.raw"), noise([n; 3], 11)).unwrap();
+    let blocks = n / block;
+    let label =
+        |i: u32| 1 + (i / n / n / block * blocks + i / n % n / block) * blocks + i % n / block;
+    let labels: Vec<u8> = (0..n * n * n)
+        .flat_map(|i| label(i).to_le_bytes())
+        .collect();
+    std::fs::write(here.join("labels.npy"), npy("<u4", [n; 3], &labels)).unwrap();
+    let limit = 64;
+    let made = alvis(
+        here,
+        &format!(
+            "convert noise.raw out --dims {n},{n},{n} --dtype u8 --threshold 128 --labels labels.npy --macrocube 48 \
+             --threads 1 --memory {limit}MiB --json"
+        ),
+    );
+    let made: serde_json::Value = serde_json::from_str(&made).unwrap();
+    assert_eq!(made["cells"], blocks.pow(3));
+    let peak = made["peak_rss_bytes"].as_u64().unwrap();
+    assert!(peak <= limit << 20, "{peak}");
+    // where they cannot fit, that is said, not done
+    let said = refusal(
+        here,
+        &format!(
+            "convert noise.raw small --dims {n},{n},{n} --dtype u8 --threshold 128 --labels labels.npy --macrocube 48 \
+             --threads 1 --memory 44MiB"
+        ),
+    );
+    assert!(said.contains("tiles that are made"), "{said}");
+}
+
+#[test]
+fn labels_lie_where_the_scan_does_whichever_way_the_world_runs() {
+    let dir = tempfile::tempdir().unwrap();
+    let here = dir.path();
+    let nrrd = |name: &str, space: &str, step: f64| {
+        let header = format!(
+            "NRRD0004\ntype: uchar\ndimension: 3\nsizes: 6 5 4\nspace: {space}\n\
+             space directions: ({step},0,0) (0,{step},0) (0,0,0.5)\nspace origin: ({step},{step},1)\nencoding: raw\n\n"
+        );
+        let samples = (0..120u8).map(|i| 1 + i % 6 / 3);
+        let bytes: Vec<u8> = header.bytes().chain(samples).collect();
+        std::fs::write(here.join(name), bytes).unwrap();
+    };
+    nrrd("scan.nrrd", "left-posterior-superior", 0.5);
+    nrrd("same.nrrd", "right-anterior-superior", -0.5);
+    nrrd("turned.nrrd", "right-anterior-superior", 0.5);
+    let convert = "convert scan.nrrd out --threshold 1.5 --quiet";
+    alvis(here, &format!("{convert} --labels same.nrrd"));
+    alvis(here, &format!("{convert} --force --roi mask:same.nrrd"));
+    let said = refusal(here, &format!("{convert} --force --labels turned.nrrd"));
+    assert!(said.contains("axes along"), "{said}");
+    let said = refusal(here, &format!("{convert} --force --roi mask:turned.nrrd"));
+    assert!(said.contains("axes along"), "{said}");
+}
+
+#[test]
+fn large_ids_are_exported_whole_or_not_at_all() {
+    let dir = tempfile::tempdir().unwrap();
+    let here = dir.path();
+    std::fs::write(here.join("leaky.raw"), leaky([24, 20, 18])).unwrap();
+    for (largest, kind) in [(16_777_217u32, "int"), (3_000_000_000, "uint")] {
+        let label = |i: u32| largest - i % 24 / 12;
+        let labels: Vec<u8> = (0..8640).flat_map(|i| label(i).to_le_bytes()).collect();
+        std::fs::write(here.join("labels.npy"), npy("<u4", [24, 20, 18], &labels)).unwrap();
+        let convert =
+            "convert leaky.raw out --dims 24,20,18 --dtype u8 --threshold 128 --quiet --force";
+        alvis(here, &format!("{convert} --labels labels.npy"));
+        alvis(here, "export out out.ply --force");
+        let mesh = std::fs::read(here.join("out.ply")).unwrap();
+        let head = String::from_utf8_lossy(&mesh[..1000]);
+        assert!(head.contains(&format!("property {kind} cell\n")), "{head}");
+        // as floats they would be one
+        alvis(here, "export out out.glb --force");
+        let mesh = std::fs::read(here.join("out.glb")).unwrap();
+        let head = String::from_utf8_lossy(&mesh[..4096]);
+        assert!(!head.contains("_FEATURE_ID_0"), "{head}");
+    }
+}
+
+#[test]
+fn what_labels_leave_without_a_meaning_is_refused_or_said() {
+    let dir = tempfile::tempdir().unwrap();
+    let here = dir.path();
+    std::fs::write(here.join("leaky.raw"), leaky([24, 20, 18])).unwrap();
+    std::fs::write(here.join("one.npy"), npy("|u1", [24, 20, 18], &[7; 8640])).unwrap();
+    let convert =
+        "convert leaky.raw out --dims 24,20,18 --dtype u8 --threshold 128 --labels one.npy";
+    for option in ["--split-h 1", "--split-min-radius 2"] {
+        let said = refusal(here, &format!("{convert} {option}"));
+        assert!(said.contains("--labels"), "{said}");
+    }
+    let made: serde_json::Value =
+        serde_json::from_str(&alvis(here, &format!("{convert} --json"))).unwrap();
+    assert_eq!(made["necks"], 0);
+    let said = refusal(here, "lod out");
+    assert!(said.contains("out: found cells"), "{said}");
+}
