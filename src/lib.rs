@@ -172,6 +172,7 @@ pub mod progress;
 pub mod report;
 mod serve;
 pub mod split;
+mod store;
 mod strip;
 pub mod structure;
 mod surface;

@@ -6,8 +6,8 @@
 use crate::error::{Error, Result};
 use crate::http::{Answer, Body, Client, Handler, Method, Request, Rules, Status};
 use crate::manifest::{MANIFEST, Manifest};
+use crate::store::File;
 use crate::tileset::{TileLookup, TileSet};
-use std::fs::File;
 use std::io::{Seek, SeekFrom};
 use std::ops::Range;
 
@@ -85,7 +85,7 @@ impl Files {
         let path = self.set.path(&listed.path)?;
         let failed = |e| Error::io(&path, "read the file", e);
         let mut file = File::open(&path).map_err(failed)?;
-        let length = file.metadata().map_err(failed)?.len();
+        let length = file.len().map_err(failed)?;
         if let Some(bytes) = listed.bytes.filter(|&bytes| bytes != length) {
             let expected = format!("{bytes} bytes as in the index");
             return Err(Error::format(&path, format!("{length} bytes"), expected));

@@ -11,7 +11,7 @@ use crate::convert;
 use crate::error::{Error, Result};
 use crate::manifest::{MANIFEST, Manifest};
 use crate::sys::process_memory::peak_rss_bytes;
-use crate::tileset::Lock;
+use crate::tileset::{Lock, refuse_bucket};
 use crate::volume::stem;
 use crate::words::one_line;
 use serde::Serialize;
@@ -54,6 +54,7 @@ pub fn run(args: ConvertArgs, typed: &[OsString]) -> Result<Outcome> {
     let start = Instant::now();
     // without it this is not asked for
     let dir = args.out_dir.clone().unwrap_or_default();
+    refuse_bucket(&dir)?;
     let inputs = std::iter::once(&args.input)
         .chain(&args.out)
         .chain(&args.more);

@@ -2,6 +2,7 @@
 
 use super::again::Again;
 use super::args::{Common, InputOptions, TableFile, input_help};
+use super::bucket::Place;
 use super::form::FormArgs;
 use super::info;
 use super::input::Input;
@@ -195,8 +196,10 @@ impl ConvertArgs {
         };
         let console = self.common.start();
         let input = Input::Path(&self.input);
-        let report = self.convert(input, out, Again::Typed(typed), &console)?;
-        let levels = self.levels(out, &console)?;
+        let place = Place::of(out, self.resume)?;
+        let report = self.convert(input, &place.dir(), Again::Typed(typed), &console)?;
+        let levels = self.levels(&place.dir(), &console)?;
+        place.put(&console)?;
         drop(console);
         if self.common.json {
             output::print_json(&self.printed(&report, levels.as_ref()))?;

@@ -9,6 +9,7 @@ use crate::error::{Error, Result};
 use crate::grid::{Dims, Placement, Unit};
 use crate::phantom::{Phantom, render, write};
 use crate::preview::{PreviewOptions, preview};
+use crate::tileset::refuse_bucket;
 use crate::verify::{Report as VerifyReport, VerifyOptions};
 use crate::volume::{Dtype, OpenOptions, open};
 use clap::{Args, ValueHint};
@@ -130,6 +131,7 @@ impl DemoArgs {
 
 /// Makes the directory; refuses one in which something else lives.
 fn prepare(out: &Path) -> Result<()> {
+    refuse_bucket(out)?;
     std::fs::create_dir_all(out).map_err(|e| Error::io(out, "create the directory", e))?;
     let earlier = is_demo(out);
     let entries = std::fs::read_dir(out).map_err(|e| Error::io(out, "read", e))?;

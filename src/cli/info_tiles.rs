@@ -9,6 +9,7 @@ use crate::manifest::{
     Encoding, FORMAT, Layout, Level, Levels, MANIFEST, Manifest, PARTIAL, PartsBy, Primitives,
     Selection, Step, Table, Totals,
 };
+use crate::store;
 use serde::Serialize;
 use std::path::Path;
 
@@ -48,7 +49,7 @@ pub struct Report<'a> {
 
 /// True if a directory has the index of a tile set, or has one in the making.
 pub fn is_tile_set(path: &Path) -> bool {
-    path.join(MANIFEST).is_file() || path.join(PARTIAL).is_dir()
+    store::is_file(&path.join(MANIFEST)) || path.join(PARTIAL).is_dir()
 }
 
 /// Prints what the tile set in `dir` is.

@@ -7,6 +7,7 @@ mod again;
 mod against;
 mod args;
 mod batch;
+mod bucket;
 pub mod call;
 mod cells;
 mod chart;

@@ -8,6 +8,7 @@ use super::progress::Console;
 use super::{Outcome, parse};
 use crate::convert::parts::{Asked, NextWork, asked_of, next_work, parts_of, work_on_part};
 use crate::error::{Error, Result};
+use crate::store::is_remote;
 use clap::{Args, ValueHint};
 use std::path::{Path, PathBuf};
 
@@ -59,6 +60,7 @@ impl AgainArgs {
     ) -> Result<R> {
         let out = std::path::absolute(out).map_err(|e| Error::io(out, "find", e))?;
         let input = match &self.input {
+            Some(input) if is_remote(input) => Some(input.clone()),
             Some(input) => {
                 let input = std::path::absolute(input);
                 Some(input.map_err(|e| Error::io("--input", "find", e))?)
@@ -70,6 +72,7 @@ impl AgainArgs {
         // what was typed is relative to it; machines that lack it may do without
         if let Err(e) = std::env::set_current_dir(&asked.directory)
             && input.is_relative()
+            && !is_remote(input)
         {
             let action = "go to the directory of the plan";
             return Err(Error::io(&asked.directory, action, e));

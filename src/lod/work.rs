@@ -6,7 +6,7 @@ use crate::error::{Error, Result};
 use crate::manifest::checksum_text;
 use crate::manifest::{LEVELS, LevelsEntry, MANIFEST, Manifest, PARTIAL, TILESET, sums_of};
 use crate::sys::files::{make_directory, remove_if_there, write_file};
-use crate::tileset::{LEVELS_STATE as STATE, Lock};
+use crate::tileset::{LEVELS_STATE as STATE, Lock, refuse_bucket};
 use serde::{Deserialize, Serialize};
 use std::fs::{self, File};
 use std::io::{BufWriter, ErrorKind, Write};
@@ -52,6 +52,7 @@ impl Work {
     /// [`Error::OutputBusy`] if somebody else writes there; [`Error::Usage`] if a conversion was interrupted there;
     /// [`Error::Io`].
     pub fn open(out: &Path) -> Result<Self> {
+        refuse_bucket(out)?;
         let dir = out.join(PARTIAL);
         make_directory(&dir)?;
         let lock = Lock::take(&dir.join("lock"), out)?;

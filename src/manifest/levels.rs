@@ -5,9 +5,9 @@
 
 use super::{Bounds, Generator, Manifest, file_inside};
 use crate::error::{Error, Result};
+use crate::store::File;
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
-use std::fs::File;
 use std::io::BufReader;
 use std::path::Path;
 

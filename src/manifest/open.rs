@@ -4,9 +4,9 @@
 use crate::error::{Error, Result};
 use crate::grid::{Dims, LATTICE, Placement, check_filters};
 use crate::manifest::{FORMAT, FORMAT_VERSION, Layer, Manifest, Shard, ShardTiles};
+use crate::store::{File, is_remote};
 use serde::Deserialize;
 use serde::de::DeserializeOwned;
-use std::fs::File;
 use std::io::{BufReader, ErrorKind};
 use std::path::{Path, PathBuf};
 
@@ -175,13 +175,17 @@ pub fn inside(dir: &Path, relative: &str) -> Result<PathBuf> {
 }
 
 /// The regular file at a manifest's relative path, with links resolved: it lies below `dir`, and
-/// opening it does not wait, as opening a pipe may. `action` is for messages.
+/// opening it does not wait, as opening a pipe may. `action` is for messages. In a bucket there are neither links nor
+/// pipes: whether there is such an object is told when it is opened.
 ///
 /// # Errors
 /// [`Error::Format`] if the path is not [plain](is_plain), leads outside by a link, or is no regular
 /// file; [`Error::Io`] if there is nothing.
 pub fn file_inside(dir: &Path, relative: &str, action: &'static str) -> Result<PathBuf> {
     let path = inside(dir, relative)?;
+    if is_remote(dir) {
+        return Ok(path);
+    }
     let failed = |e| Error::io(&path, action, e);
     let real = path.canonicalize().map_err(failed)?;
     let found = if !real.starts_with(dir.canonicalize().map_err(failed)?) {

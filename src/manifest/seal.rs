@@ -2,9 +2,8 @@
 
 use super::{Layer, LayerRecord, Manifest, TableChecksums, checksum_text};
 use crate::error::{Error, Result};
-use std::fs::File;
+use crate::store::File;
 use std::io::{BufWriter, ErrorKind, Read, Seek, SeekFrom, Write};
-use std::os::unix::fs::FileExt;
 use std::path::Path;
 
 /// What stands for the manifest's own checksum while that is computed.
@@ -71,7 +70,7 @@ impl Manifest {
     pub(crate) fn write_sealed_with(self, dir: &Path, layers: &mut EachLayer) -> Result<u64> {
         let path = dir.join(super::MANIFEST);
         let failed = |e| Error::io(&path, "write", e);
-        let file = File::create(&path).map_err(|e| Error::io(&path, "create", e))?;
+        let file = std::fs::File::create(&path).map_err(|e| Error::io(&path, "create", e))?;
         let mut out = BufWriter::new(file);
         self.seal(dir, layers, &mut out)?;
         let file = out.into_inner().map_err(|e| failed(e.into_error()))?;
@@ -145,7 +144,7 @@ pub(crate) fn own_checksum(file: &File, stated: &str) -> std::io::Result<String>
 /// Where a text stands last in a file.
 fn last(file: &File, text: &[u8]) -> std::io::Result<Option<u64>> {
     let mut block = vec![0; BLOCK];
-    let mut end = file.metadata()?.len();
+    let mut end = file.len()?;
     loop {
         let start = end.saturating_sub(BLOCK as u64);
         let part = &mut block[..(end - start) as usize];
@@ -194,7 +193,7 @@ pub(crate) fn checksum_of(file: File) -> std::io::Result<String> {
 ///
 /// # Errors
 /// The file's.
-pub(crate) fn sums_of(file: &File) -> std::io::Result<(u64, u32)> {
+pub(crate) fn sums_of(file: impl Read) -> std::io::Result<(u64, u32)> {
     let (bytes, hasher) = hash(file, crc32fast::Hasher::new())?;
     Ok((bytes, hasher.finalize()))
 }

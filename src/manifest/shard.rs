@@ -3,7 +3,7 @@
 use super::shard_text::{ShardFault, ShardText};
 use super::{Shard, TileEntry};
 use crate::error::{Error, Result};
-use std::fs::File;
+use crate::store::File;
 use std::io::BufReader;
 use std::path::PathBuf;
 

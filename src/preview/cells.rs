@@ -7,6 +7,7 @@ use crate::grid::{Ambiguous, LATTICE};
 use crate::manifest::{Manifest, Paint, Selection, TileEntry, file_inside};
 use crate::picture::ticks::place;
 use crate::picture::{Map, parse_colour};
+use crate::store;
 use crate::table::{Chosen, Column, Expr, Table};
 use crate::tile::Rgb;
 use crate::tile::pieces::pieces;
@@ -196,7 +197,7 @@ fn seeds(
     seen: &mut Seen,
 ) -> Result<()> {
     let path = file_inside(dir, &entry.path, "read the tile")?;
-    let bytes = std::fs::read(&path).map_err(|e| Error::io(&path, "read the tile", e))?;
+    let bytes = store::read(&path).map_err(|e| Error::io(&path, "read the tile", e))?;
     let bad = |e: ReadError| Error::format(&path, e.to_string(), "a tile");
     let tile = Tile::read(&bytes).map_err(bad)?;
     let step = LATTICE as i32;

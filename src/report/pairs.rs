@@ -2,6 +2,7 @@
 
 use crate::error::Result;
 use crate::manifest::file_inside;
+use crate::store;
 use crate::table::{Histogram, Spread, TableReader};
 use crate::tileset::TileSet;
 use serde::Serialize;
@@ -63,7 +64,8 @@ pub struct Walls {
 
 /// Opens a table of pairs of cells, if the set has it.
 fn open(set: &TileSet, name: &str) -> Result<Option<TableReader>> {
-    if set.dir().join(name).symlink_metadata().is_err() {
+    let path = set.dir().join(name);
+    if path.symlink_metadata().is_err() && !store::is_file(&path) {
         return Ok(None);
     }
     let path = file_inside(set.dir(), name, "open the table")?;

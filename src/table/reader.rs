@@ -5,8 +5,8 @@ mod find;
 use super::column::Column;
 use crate::error::{Error, Result};
 use crate::grid::{Length, Unit};
+use crate::store::File;
 use csv_core::ReadRecordResult;
-use std::fs::File;
 use std::io::{BufRead, BufReader};
 use std::path::{Path, PathBuf};
 

@@ -3,6 +3,7 @@
 use crate::checkpoint::{LayersDone, STATE, kept};
 use crate::error::{Error, Result};
 use crate::manifest::{COMPONENTS, MANIFEST, NECKS, PARTIAL as WORK, TILESET, WALLS};
+use crate::store::is_remote;
 use crate::sys::files::{make_directory, remove_if_there, write_file};
 use crate::tileset::Lock;
 use std::ffi::OsString;
@@ -96,6 +97,21 @@ pub fn refuse_same(from: &Path, to: &Path) -> Result<()> {
             "another directory than OUT",
         )),
         _ => Ok(()),
+    }
+}
+
+/// Refuses a place in a bucket where only this machine is written to.
+///
+/// # Errors
+/// [`Error::Unsupported`].
+pub fn refuse_bucket(out: &Path) -> Result<()> {
+    match is_remote(out) {
+        false => Ok(()),
+        true => Err(Error::unsupported(
+            out,
+            "writing this to a bucket",
+            "of what writes tile sets `alvis convert` alone puts them there: write to this machine, and copy the directory",
+        )),
     }
 }
 
@@ -234,6 +250,7 @@ impl Output {
     }
 
     fn open_any(out: &Path, force: bool, resume: bool) -> Result<Self> {
+        refuse_bucket(out)?;
         refuse_inside(out)?;
         let work = out.join(WORK);
         let has = |dir: &Path| dir.join(ENTRIES[0]).exists();

@@ -3,6 +3,7 @@
 use crate::error::{Error, Result};
 use crate::manifest::{Level, Levels, Manifest, NodeEntry, Shard, TileEntry};
 use crate::manifest::{checksum_text, file_inside};
+use crate::store::File;
 use crate::tile::{NodeMesh, TileMesh};
 use std::path::{Path, PathBuf};
 
@@ -164,18 +165,19 @@ impl Stated<'_> {
     /// Those of [`file_inside`]; [`Error::Format`] for another size or checksum.
     pub fn read(&self, dir: &Path) -> Result<Vec<u8>> {
         let path = file_inside(dir, self.path, "open the file")?;
-        let meta = path
-            .metadata()
-            .map_err(|e| Error::io(&path, "open the tile", e))?;
+        let file = File::open(&path).map_err(|e| Error::io(&path, "open the tile", e))?;
+        let failed = |e| Error::io(&path, "read the tile", e);
+        let len = file.len().map_err(failed)?;
         // before reading: a wrong file may be of any size
-        if !meta.is_file() || meta.len() != self.bytes {
+        if len != self.bytes {
             return Err(Error::format(
                 &path,
-                format!("{} bytes", meta.len()),
+                format!("{len} bytes"),
                 format!("a file of {} bytes as in the index", self.bytes),
             ));
         }
-        let bytes = std::fs::read(&path).map_err(|e| Error::io(&path, "read the tile", e))?;
+        let mut bytes = vec![0; len as usize];
+        file.read_exact_at(&mut bytes, 0).map_err(failed)?;
         let found = checksum_text(crc32fast::hash(&bytes));
         if found != self.checksum {
             let expected = format!("{} as in the index", self.checksum);

@@ -3,8 +3,8 @@
 use super::code::Code;
 use super::report::Issues;
 use crate::manifest::{TileEntry, checksum_text, is_plain};
+use crate::store::{self, File, is_remote};
 use crate::sys::direct_io::Buffer;
-use std::fs::File;
 use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 
@@ -29,6 +29,9 @@ pub(super) fn resolve(root: &Path, path: &str, at: &str, issues: &mut Issues) ->
         return None;
     }
     let joined = root.join(path);
+    if is_remote(root) {
+        return Some(joined);
+    }
     match joined.canonicalize() {
         Ok(real) if real.starts_with(root) => Some(real),
         Ok(real) => {
@@ -103,7 +106,7 @@ pub(super) fn compare_sums(
 
 /// Opens a regular file; opening a pipe would wait.
 pub(super) fn open(path: &Path) -> std::io::Result<File> {
-    if !path.metadata()?.is_file() {
+    if !is_remote(path) && !store::metadata(path)?.is_file {
         return Err(std::io::Error::other("it is no regular file"));
     }
     File::open(path)
@@ -111,12 +114,19 @@ pub(super) fn open(path: &Path) -> std::io::Result<File> {
 
 fn fill(path: &Path, out: &mut Buffer) -> std::io::Result<()> {
     let file = open(path)?;
-    let len = file.metadata()?.len();
+    let len = file.len()?;
     // a GLB's length has 32 bits; anything longer is not ours
     if len > u64::from(u32::MAX) {
         return Err(std::io::Error::other("it is larger than 4 GiB"));
     }
-    out.read(&file, len as usize).map_err(|e| match e.kind() {
+    let read = match file.local() {
+        Some(file) => out.read(file, len as usize),
+        None => {
+            out.begin(len as usize, len as usize);
+            file.read_exact_at(out.get_mut(), 0)
+        }
+    };
+    read.map_err(|e| match e.kind() {
         ErrorKind::OutOfMemory => std::io::Error::other("it does not fit into memory"),
         _ => e,
     })

@@ -6,8 +6,8 @@ use super::paint::{LEGEND, LEGEND_SVG};
 use super::report::{Issue, Issues, Severity};
 use crate::error::{Error, Result};
 use crate::manifest::{Manifest, PARTIAL};
+use crate::store::{self, Entry};
 use std::collections::BTreeMap;
-use std::fs::{DirEntry, FileType};
 use std::path::Path;
 
 /// Looks for files that the manifest does not name; those of a layer follow with its shard. A conversion that has been
@@ -85,16 +85,14 @@ enum Stray {
 }
 
 impl Stray {
-    fn of(root: &Path, entry: &DirEntry, kind: FileType, is_known: bool) -> Option<Stray> {
+    fn of(root: &Path, dir: &Path, entry: &Entry, is_known: bool) -> Option<Stray> {
         let inside = || {
-            entry
-                .path()
-                .canonicalize()
-                .is_ok_and(|real| real.starts_with(root))
+            let real = dir.join(&entry.name).canonicalize();
+            real.is_ok_and(|real| real.starts_with(root))
         };
         match is_known {
-            true => (kind.is_symlink() && inside()).then_some(Stray::Link),
-            false if kind.is_file() && is_of_system(&entry.file_name().to_string_lossy()) => {
+            true => (entry.is_link && inside()).then_some(Stray::Link),
+            false if entry.is_file && is_of_system(&entry.name.to_string_lossy()) => {
                 Some(Stray::System)
             }
             false => Some(Stray::Foreign),
@@ -131,17 +129,16 @@ pub(super) fn foreign(
         issues.add(Code::PathOutside, path, message);
         return Ok(());
     }
-    let entries = match std::fs::read_dir(&dir) {
+    let entries = match store::list(&dir) {
         Ok(entries) => entries,
         Err(e) if e.kind() == std::io::ErrorKind::NotFound => return Ok(()),
         Err(e) => return Err(Error::io(&dir, "list the directory", e)),
     };
     let mut found = BTreeMap::new();
     for entry in entries {
-        let listed = entry.and_then(|entry| Ok((entry.file_type()?, entry)));
-        let (kind, entry) = listed.map_err(|e| Error::io(&dir, "list the directory", e))?;
-        let name = entry.file_name().to_string_lossy().into_owned();
-        if let Some(stray) = Stray::of(root, &entry, kind, known(&name)) {
+        let entry = entry.map_err(|e| Error::io(&dir, "list the directory", e))?;
+        let name = entry.name.to_string_lossy().into_owned();
+        if let Some(stray) = Stray::of(root, &dir, &entry, known(&name)) {
             found.insert(name, stray);
         }
     }

@@ -10,8 +10,8 @@ use crate::grid::{Dims, LATTICE, Tiling, check_filters};
 use crate::manifest::{FORMAT, FORMAT_VERSION, Layer, Manifest, PartsBy, SPLIT_VERSION, TileEntry};
 use crate::manifest::{ShardFault, ShardText, ShardTiles};
 use crate::manifest::{manifest_file, own_checksum};
+use crate::store::File;
 use serde::Deserialize;
-use std::fs::File;
 use std::io::{BufReader, Read, Seek};
 use std::path::Path;
 

@@ -153,9 +153,11 @@ impl Default for VerifyOptions<'_> {
 /// without a volume.
 pub fn verify(dir: &Path, options: &VerifyOptions, progress: &dyn Progress) -> Result<Report> {
     let start = Instant::now();
-    let root = dir
-        .canonicalize()
-        .map_err(|e| Error::io(dir, "open the tile set", e))?;
+    let root = match crate::store::is_remote(dir) {
+        true => Ok(dir.to_path_buf()),
+        false => dir.canonicalize(),
+    };
+    let root = root.map_err(|e| Error::io(dir, "open the tile set", e))?;
     let pool = rayon::ThreadPoolBuilder::new()
         .num_threads(crate::sys::simd::threads(options.threads))
         .build()

@@ -10,6 +10,7 @@ use super::report::Issues;
 use crate::error::{Error, Result};
 use crate::manifest::{ColourBy, Manifest, Painted, Selection, Step};
 use crate::picture::ColourBar;
+use crate::store;
 use crate::table::{Column, Expr, Row, Table, TableReader};
 use colorous::Gradient;
 use std::collections::{BTreeSet, BinaryHeap};
@@ -322,7 +323,8 @@ fn check_legend(root: &Path, by: &ColourBy, issues: &mut Issues) {
         issues.add(Code::Paint, LEGEND, message);
     }
     // sets may lack it, so that only what is there is compared
-    if root.join(LEGEND_SVG).symlink_metadata().is_err() {
+    let legend = root.join(LEGEND_SVG);
+    if legend.symlink_metadata().is_err() && !store::is_file(&legend) {
         return;
     }
     let Some(real) = files::resolve(root, LEGEND_SVG, AT, issues) else {

@@ -5,12 +5,12 @@ use super::ledger::Kind;
 use super::report::Issues;
 use super::table_files::{Files, columns, is_whole};
 use super::tile::Context;
+use crate::store::File;
 use parquet::basic::{Repetition, Type as Physical};
 use parquet::errors::ParquetError;
 use parquet::file::metadata::ParquetMetaData;
 use parquet::file::reader::{FileReader, SerializedFileReader};
 use parquet::record::Field;
-use std::fs::File;
 use std::io::{BufRead, BufReader, Lines};
 use std::panic::{AssertUnwindSafe, catch_unwind};
 
@@ -73,7 +73,7 @@ fn differ(
     parquet: File,
     csv: File,
 ) -> Result<Option<Fault>, ParquetError> {
-    let reader = SerializedFileReader::new(parquet)?;
+    let reader = SerializedFileReader::new(parquet.on_disk()?)?;
     if let Some(fault) = wrong_columns(columns, may_lack, reader.metadata()) {
         return Ok(Some(fault));
     }

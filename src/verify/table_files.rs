@@ -7,7 +7,7 @@ use super::ledger::Kind;
 use super::report::Issues;
 use super::tile::Context;
 use crate::manifest::{Manifest, TableChecksums, checksum_of};
-use std::fs::File;
+use crate::store::File;
 use std::io::{BufRead, BufReader, Read};
 use std::path::Path;
 

@@ -13,6 +13,7 @@ use crate::error::{Error, Result};
 use crate::http::{Answer, Body, Client, Handler, Method, Request, Status, Turns, same_secret};
 use crate::manifest::{MANIFEST, Manifest, manifest_file};
 use crate::preview::Axis;
+use crate::store::{is_remote, stamps};
 use crate::table::Table;
 use crate::tileset::{TileLookup, TileSet};
 use std::fs::Metadata;
@@ -64,16 +65,25 @@ pub fn token() -> Result<String> {
 }
 
 /// What shows that the index is another one than before.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
 struct IndexState {
     file: [u64; 2],
     bytes: u64,
     written: [i64; 2],
+    /// The ETag of an object in a bucket.
+    object: String,
 }
 
 impl IndexState {
     fn of(dir: &Path) -> Result<Self> {
         let path = manifest_file(dir, "read the index")?;
+        if is_remote(&path) {
+            let objects = stamps(&path).map_err(|e| Error::io(&path, "look at the index", e))?;
+            return Ok(IndexState {
+                object: objects.into_iter().map(|object| object.etag).collect(),
+                ..IndexState::default()
+            });
+        }
         let meta = path
             .metadata()
             .map_err(|e| Error::io(&path, "look at the index", e))?;
@@ -87,6 +97,7 @@ impl From<&Metadata> for IndexState {
             file: [meta.dev(), meta.ino()],
             bytes: meta.len(),
             written: [meta.mtime(), meta.mtime_nsec()],
+            object: String::new(),
         }
     }
 }
@@ -145,7 +156,7 @@ impl Viewer {
     /// The data at a path.
     fn data(&self, request: &Request, client: &Client) -> Made {
         let set = &self.shown.set;
-        if IndexState::of(set.dir()).ok() != Some(self.index) {
+        if IndexState::of(set.dir()).ok().as_ref() != Some(&self.index) {
             let message = format!(
                 "{}: the tile set was changed or removed while it was shown: end `alvis view` and start it again",
                 set.dir().join(MANIFEST).display()

@@ -31,6 +31,8 @@ pub(crate) struct Format {
     pub(crate) parse: Option<Parse>,
     /// Parses files of which each may be one slice.
     pub(crate) slices: Option<Slices>,
+    /// It is read in few requests, so that it may lie in a bucket.
+    pub(crate) in_buckets: bool,
 }
 
 /// Parses one input.
@@ -102,6 +104,7 @@ impl Format {
         headers: &[],
         parse: None,
         slices: None,
+        in_buckets: false,
     };
 
     /// True for a file of it, by its first bytes or, if these do not tell, by more of it.

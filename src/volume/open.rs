@@ -3,6 +3,7 @@
 use super::{Endian, Header, Io, OpenOptions, Opened, Volume};
 use crate::error::{Error, Result};
 use crate::grid::{Dims, Placement};
+use crate::store::{self, is_remote};
 use crate::volume::adapters::mirror::Mirrored;
 use crate::volume::adapters::permute::Permuted;
 use crate::volume::adapters::resample;
@@ -12,6 +13,10 @@ use crate::volume::descriptor::{Samples, VolumeDescriptor};
 use crate::volume::format::Input;
 use crate::volume::formats::{folder, foreign};
 use crate::volume::io::blob::Blob;
+#[cfg(feature = "s3")]
+use crate::volume::io::blocked::Blocked;
+#[cfg(any(feature = "hdf5", feature = "s3", feature = "zarr"))]
+use crate::volume::io::chunked::ChunkedVolume;
 use crate::volume::io::data::{self, Data, Encoding, Start};
 use crate::volume::io::file::FileVolume;
 use crate::volume::io::half::HalfSource;
@@ -21,6 +26,8 @@ use crate::volume::registry::{self, FORMATS};
 use crate::volume::stated::{place, warning};
 use std::ffi::OsStr;
 use std::path::{Path, PathBuf};
+#[cfg(feature = "s3")]
+use std::sync::Arc;
 
 /// Opens a volume. Files are recognised by their content, whatever their name; everything that is of no format that is
 /// read is headerless raw (or raw packed by gzip, with a name that ends in `.gz`), whose size and type the options must
@@ -129,6 +136,9 @@ fn regular(
 
 /// What the parser of the format finds, completed by the options.
 fn parsed(path: &Path, options: &OpenOptions) -> Result<VolumeDescriptor> {
+    if is_remote(path) {
+        return in_bucket(path, options);
+    }
     let slices = match path.is_dir() {
         true => Some(folder::parse(path, FORMATS, options)),
         false if path.exists() => None,
@@ -141,6 +151,45 @@ fn parsed(path: &Path, options: &OpenOptions) -> Result<VolumeDescriptor> {
     if descriptor.format != "raw" {
         complete(path, &mut descriptor, options)?;
     }
+    Ok(descriptor)
+}
+
+/// The same of a file or folder in a bucket, which can be of some formats only: those that are read in few requests.
+fn in_bucket(path: &Path, options: &OpenOptions) -> Result<VolumeDescriptor> {
+    let meta = store::metadata(path).map_err(|e| Error::io(path, "open", e))?;
+    let way_out = "copy it to this machine";
+    if meta.is_file {
+        let head = Blob::file(path)?.head(4096)?;
+        if let Some(format) = FORMATS.iter().find(|f| !f.in_buckets && (f.starts)(&head)) {
+            let what = format!("{} in a bucket", format.title);
+            return Err(Error::unsupported(path, what, way_out));
+        }
+        let descriptor = recognise(path, &head, options)?;
+        // a header from elsewhere does not make this program read other files of this machine
+        if let Samples::Files(data) = &descriptor.samples
+            && let Some(file) = data.files.iter().find(|file| !is_remote(file))
+        {
+            let found = format!("samples in {}, on this machine", file.display());
+            return Err(Error::format(path, found, "samples in the same bucket"));
+        }
+        return Ok(descriptor);
+    }
+    let mut formats = FORMATS.iter().filter(|f| f.in_buckets && f.is_folder(path));
+    let Some((format, parse)) = formats.find_map(|f| Some((f, f.parse?))) else {
+        return Err(Error::unsupported(
+            path,
+            "a folder in a bucket that is no Zarr",
+            way_out,
+        ));
+    };
+    debug_assert!(format.folder);
+    let input = Input {
+        path,
+        head: &[],
+        formats: FORMATS,
+    };
+    let mut descriptor = parse(&input, options)?;
+    complete(path, &mut descriptor, options)?;
     Ok(descriptor)
 }
 
@@ -158,17 +207,15 @@ fn volume(header: Header, descriptor: VolumeDescriptor, io: Io) -> Result<Box<dy
             match descriptor.half {
                 true => {
                     let source = Box::new(HalfSource::new(source, header.endian));
-                    Box::new(FileVolume::new(header, source, false))
+                    in_files(&data, FileVolume::new(header, source, false))
                 }
-                false => Box::new(FileVolume::new(header, source, swap)),
+                false => in_files(&data, FileVolume::new(header, source, swap)),
             }
         }
         Samples::Bytes(source) => Box::new(FileVolume::new(header, source, swap)),
         Samples::Pages(pages) => Box::new(PagedVolume::new(header, pages)),
         #[cfg(any(feature = "hdf5", feature = "zarr"))]
-        Samples::Chunks(chunks) => Box::new(crate::volume::io::chunked::ChunkedVolume::new(
-            header, chunks,
-        )),
+        Samples::Chunks(chunks) => Box::new(ChunkedVolume::new(header, chunks)),
     };
     let volume = match descriptor.stored_axes {
         [0, 1, 2] => volume,
@@ -182,6 +229,18 @@ fn volume(header: Header, descriptor: VolumeDescriptor, io: Io) -> Result<Box<dy
         Some(values) => Box::new(Valued::new(volume, values)),
         None => volume,
     })
+}
+
+/// A volume whose samples lie in files; what lies in a bucket is read in large parts.
+fn in_files(data: &Data, volume: FileVolume) -> Box<dyn Volume> {
+    #[cfg(feature = "s3")]
+    if data.files.iter().any(|path| is_remote(path)) && volume.random_access() {
+        let header = volume.header().clone();
+        let chunks = Blocked::new(Arc::new(volume));
+        return Box::new(ChunkedVolume::new(header, Box::new(chunks)));
+    }
+    let _ = data;
+    Box::new(volume)
 }
 
 /// The name of a file or folder without its directory; of one that is given as `.` or `..` the name that it has.

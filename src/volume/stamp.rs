@@ -1,6 +1,7 @@
 //! What tells one input from another without reading it.
 
 use crate::error::{Error, Result};
+use crate::store::{self, is_remote};
 use crate::volume::Opened;
 use crate::volume::formats::folder;
 use crate::volume::io::text::Pattern;
@@ -36,9 +37,6 @@ impl Sums {
         self.last_change = self.last_change.max(time);
         let name = path.file_name().unwrap_or_default();
         let text = format!("{name:?} {} {time:?}", meta.len());
-        let spread = |text: &str| {
-            u64::from(crc32fast::hash(text.as_bytes())).wrapping_mul(0x9E37_79B9_7F4A_7C15)
-        };
         let sum = |sum: &mut u64, text: &str| *sum = sum.wrapping_add(spread(text));
         sum(&mut self.hash, &text);
         sum(
@@ -49,7 +47,22 @@ impl Sums {
         sum(&mut self.status, &format!("{text} {status:?}"));
     }
 
+    /// The same of objects in a bucket, which have no time of their own that tells them apart.
+    fn add_objects(&mut self, path: &Path) -> Result<()> {
+        let objects = store::stamps(path).map_err(|e| Error::io(path, "stat", e))?;
+        for object in objects {
+            self.files += 1;
+            self.bytes += object.bytes;
+            let text = format!("{} {} {}", object.path, object.bytes, object.etag);
+            self.hash = self.hash.wrapping_add(spread(&text));
+        }
+        Ok(())
+    }
+
     fn add_file(&mut self, path: &Path) -> Result<()> {
+        if is_remote(path) {
+            return self.add_objects(path);
+        }
         let meta = std::fs::metadata(path).map_err(|e| Error::io(path, "stat", e))?;
         self.add(path, &meta);
         Ok(())
@@ -58,7 +71,7 @@ impl Sums {
     /// Of what is at `path`, or of the files that a folder or a pattern has, but for those in `out`.
     fn of(path: &Path, out: &Path) -> Result<Self> {
         let mut sums = Sums::default();
-        match path.is_file() {
+        match path.is_file() || is_remote(path) {
             true => sums.add_file(path)?,
             false => walk(path, out, &mut |file| sums.add_file(file))?,
         }
@@ -70,6 +83,11 @@ impl Sums {
         files.iter().try_for_each(|file| sums.add_file(file))?;
         Ok(sums)
     }
+}
+
+/// A hash of a text, spread over all bits.
+fn spread(text: &str) -> u64 {
+    u64::from(crc32fast::hash(text.as_bytes())).wrapping_mul(0x9E37_79B9_7F4A_7C15)
 }
 
 /// What an input was before it was opened, see [`stamp`].
@@ -124,7 +142,7 @@ pub fn stamp(before: &Before, opened: &Opened) -> Result<Stamp> {
     let Before { path, out, sums } = before;
     let mut files = opened.files.clone();
     files.retain(|file| file != path);
-    let known = path.is_file() || opened.files.is_empty();
+    let known = is_remote(path) || path.is_file() || opened.files.is_empty();
     let whole = match sums {
         _ if !known => None,
         Some(sums) => Some(*sums),
@@ -132,8 +150,13 @@ pub fn stamp(before: &Before, opened: &Opened) -> Result<Stamp> {
     };
     let of_files = Sums::of_files(&files)?;
     let all = [whole.unwrap_or_default(), of_files];
-    let place = std::path::absolute(path).unwrap_or_else(|_| path.to_path_buf());
-    let place = place.canonicalize().unwrap_or(place);
+    let place = match is_remote(path) {
+        true => path.to_path_buf(),
+        false => {
+            let place = std::path::absolute(path).unwrap_or_else(|_| path.to_path_buf());
+            place.canonicalize().unwrap_or(place)
+        }
+    };
     let (seconds, nanoseconds) = all
         .map(|sums| sums.last_change)
         .into_iter()
@@ -143,31 +166,48 @@ pub fn stamp(before: &Before, opened: &Opened) -> Result<Stamp> {
     let mut values = vec![
         ("input".to_string(), place.display().to_string()),
         ("size of the input".into(), format!("{bytes} bytes")),
-        (
-            "last change of the input".into(),
-            format!("{seconds}.{nanoseconds:09} s after 1970"),
-        ),
     ];
     let count: u64 = all.iter().map(|sums| sums.files).sum();
+    let hash = all.iter().fold(0u64, |sum, s| sum.wrapping_add(s.hash));
+    if is_remote(path) {
+        let text = format!("{count}, {hash:016x} by key, size and ETag");
+        values.push(("objects of the input".into(), text));
+        return Ok(stamped(values, None, before, whole, files, of_files));
+    }
+    values.push((
+        "last change of the input".into(),
+        format!("{seconds}.{nanoseconds:09} s after 1970"),
+    ));
     if count > 1 {
-        let hash = all.iter().fold(0u64, |sum, s| sum.wrapping_add(s.hash));
         let text = format!("{count} files, {hash:016x} by name, size and time");
         values.push(("files of the input".into(), text));
     }
     let after_1970 = u64::try_from(seconds).ok();
     let last_change =
         after_1970.and_then(|s| UNIX_EPOCH.checked_add(Duration::new(s, nanoseconds as u32)));
-    Ok(Stamp {
+    Ok(stamped(values, last_change, before, whole, files, of_files))
+}
+
+fn stamped(
+    values: Vec<(String, String)>,
+    last_change: Option<SystemTime>,
+    before: &Before,
+    whole: Option<Sums>,
+    files: Vec<PathBuf>,
+    of_files: Sums,
+) -> Stamp {
+    let watched = Watched {
+        path: before.path.clone(),
+        out: before.out.clone(),
+        whole,
+        files,
+        of_files,
+    };
+    Stamp {
         values,
         last_change,
-        watched: Some(Watched {
-            path: path.clone(),
-            out: out.clone(),
-            whole,
-            files,
-            of_files,
-        }),
-    })
+        watched: Some(watched),
+    }
 }
 
 impl Stamp {

@@ -57,7 +57,7 @@ def main() -> int:
     manifest = sys.argv[1] if len(sys.argv) > 1 else str(ROOT / "Cargo.toml")
     rules = tomllib.loads((ROOT / "deny.toml").read_text())
     allowed = set(rules["licenses"]["allow"])
-    command = ["cargo", "metadata", "--locked", "--format-version", "1", "--manifest-path", manifest]
+    command = ["cargo", "metadata", "--locked", "--all-features", "--format-version", "1", "--manifest-path", manifest]
     packages = json.loads(subprocess.run(command, check=True, stdout=subprocess.PIPE).stdout)["packages"]
     # all come from one registry, Cargo's own, and none from a repository
     registries = {p["source"] for p in packages if (p["source"] or "").startswith("registry+")}

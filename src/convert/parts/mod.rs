@@ -36,7 +36,7 @@ use crate::convert::{ConvertOptions, ConvertReport, in_threads, report, with_con
 use crate::error::{Error, Result};
 use crate::manifest::MANIFEST;
 use crate::progress::Progress;
-use crate::tileset::tidy;
+use crate::tileset::{refuse_bucket, tidy};
 use crate::volume::Volume;
 use serde::Serialize;
 use std::path::Path;
@@ -78,6 +78,7 @@ pub enum Merged {
 /// # Errors
 /// [`Error::Usage`] if there is neither; as of [`Directory::open`].
 fn planned(out: &Path) -> Result<Option<Directory>> {
+    refuse_bucket(out)?;
     if out.join(MANIFEST).exists() {
         return Ok(None);
     }

@@ -10,7 +10,7 @@ use crate::convert::{ConvertOptions, identity, predict, with_conversion};
 use crate::error::{Error, Result};
 use crate::manifest::MANIFEST;
 use crate::progress::Quiet;
-use crate::tileset::{Output, interrupted};
+use crate::tileset::{Output, interrupted, refuse_bucket};
 use crate::volume::{Stamp, Volume};
 use serde::Serialize;
 use std::path::Path;
@@ -90,6 +90,7 @@ pub fn check_plan(
 }
 
 fn refuse_tile_set(out: &Path) -> Result<()> {
+    refuse_bucket(out)?;
     if !out.join(MANIFEST).exists() {
         return Ok(());
     }

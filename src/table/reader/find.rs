@@ -32,10 +32,10 @@ impl TableReader {
 
     /// Bytes of a few rows among which the one with an id is, if ids rise and it is there.
     fn bisect(&mut self, column: usize, id: u64) -> Result<Range<u64>> {
-        let meta = std::fs::metadata(&self.path);
-        let bytes = meta.map_err(|e| Error::io(&self.path, "look at the table", e))?;
+        let bytes = self.input.get_ref().len();
+        let bytes = bytes.map_err(|e| Error::io(&self.path, "look at the table", e))?;
         // where a row begins, whose id is not larger; from where on all are larger
-        let (mut low, mut high) = (self.first, bytes.len());
+        let (mut low, mut high) = (self.first, bytes);
         while high.saturating_sub(low) > NEAR {
             let middle = low + (high - low) / 2;
             match self.line_from(middle)?.filter(|&start| start < high) {

@@ -11,6 +11,7 @@ mod tiles;
 use crate::error::{Error, Result};
 use crate::manifest::{COMPONENTS, Form, Manifest, NECKS, Tables, Totals, WALLS};
 use crate::progress::Progress;
+use crate::store;
 use crate::table::Table;
 use crate::tile::check_reach;
 use crate::tileset::{Output, TileSet, TilesetWriter, outward, refuse_same};
@@ -114,7 +115,7 @@ fn repack_into(
 fn copy_tables(set: &TileSet, work: &Path, made: &mut Manifest) -> Result<()> {
     let copy = |name: &str, file: &str| {
         let source = set.path(name)?;
-        let copied = std::fs::copy(&source, work.join(file));
+        let copied = store::copy(&source, &work.join(file));
         copied.map_err(|e| Error::io(&source, "copy", e))
     };
     copy(&made.tables.cells, Table::Cells.file())?;

@@ -30,18 +30,18 @@ pub fn spool(volume: &dyn Volume, dir: &Path) -> Result<Box<dyn Volume>> {
 
 /// A file for all samples, and the volume in it.
 pub(crate) struct TemporaryCopy<'a> {
-    file: Arc<File>,
+    file: File,
     dir: &'a Path,
     pub(crate) volume: FileVolume,
 }
 
 impl<'a> TemporaryCopy<'a> {
     pub(crate) fn new(header: &Header, dir: &'a Path) -> Result<Self> {
-        let file = crate::sys::temp_file::unnamed(dir)
-            .map_err(|e| Error::io(dir, "write a temporary copy of the volume", e))?;
-        let file = Arc::new(file);
+        let fail = |e| Error::io(dir, "write a temporary copy of the volume", e);
+        let file = crate::sys::temp_file::unnamed(dir).map_err(fail)?;
+        let same = file.try_clone().map_err(fail)?;
         let source = FileSource {
-            file: file.clone(),
+            file: Arc::new(same.into()),
             path: dir.join("(temporary copy of the volume)"),
             offset: 0,
         };

@@ -5,6 +5,7 @@
 //! (`TMPDIR`), which goes away with the volume.
 
 use crate::error::{Error, Result};
+use crate::store;
 use crate::volume::descriptor::VolumeDescriptor;
 use crate::volume::format::{Format, Input, listed, title_of};
 use crate::volume::formats::folder::{check_sequence, natural};
@@ -295,7 +296,7 @@ fn unpack(path: &Path, archive: &Bytes, members: Vec<Member>) -> Result<Vec<Blob
             places.push(member.start);
         }
     }
-    let unpacked = Arc::new(file);
+    let unpacked = Arc::new(store::File::from(file));
     let packed = archive.file();
     Ok(members
         .into_iter()

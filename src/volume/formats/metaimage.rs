@@ -55,6 +55,7 @@ pub(crate) const FORMAT: Format = Format {
     begins: Some("a MetaImage header, which begins with ObjectType or NDims"),
     headers: &["mhd"],
     parse: Some(|input, _| parse(input.path)),
+    in_buckets: true,
     ..Format::BASE
 };
 

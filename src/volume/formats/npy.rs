@@ -24,6 +24,7 @@ pub(crate) const FORMAT: Format = Format {
     extensions: &["npy", "npz"],
     starts: is_npy,
     parse: Some(|input, _| parse(input.path, input.head)),
+    in_buckets: true,
     ..Format::BASE
 };
 

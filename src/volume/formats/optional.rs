@@ -95,9 +95,10 @@ pub(crate) mod zarr {
         looks: Some(|path, _| {
             [".zarray", ".zgroup", "zarr.json"]
                 .iter()
-                .any(|name| path.join(name).is_file())
+                .any(|name| crate::store::is_file(&path.join(name)))
         }),
         folder: true,
+        in_buckets: true,
         parse: Some(refuse),
         ..Format::BASE
     };

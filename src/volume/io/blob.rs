@@ -1,11 +1,10 @@
 //! A stretch of bytes with a beginning of its own: a file, or a member of an archive.
 
 use crate::error::{Error, Result};
+use crate::store::File;
 use crate::volume::io::byte_source::FileSource;
 use crate::volume::io::data;
-use std::fs::File;
 use std::io::{BufReader, Read, Seek, SeekFrom};
-use std::os::unix::fs::FileExt;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 

@@ -3,11 +3,10 @@
 //! All sources show one string of bytes, the samples of the volume from the first to the last.
 
 use crate::error::{Error, Result};
+use crate::store::File;
 use crate::volume::io::data::open_file;
 use crate::volume::io::mmap::Map;
-use std::fs::File;
 use std::ops::Range;
-use std::os::unix::fs::FileExt;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
@@ -166,6 +165,9 @@ pub(crate) fn read_at(file: &File, path: &Path, position: u64, out: &mut [u8]) -
 
 #[cfg(target_os = "linux")]
 fn will_need(file: &File, offset: u64, bytes: Range<u64>) {
+    let Some(file) = file.local() else {
+        return;
+    };
     let len = std::num::NonZeroU64::new(bytes.end.saturating_sub(bytes.start));
     let Some(last) = len.map(|len| offset + bytes.start + len.get() - 1) else {
         return;
@@ -185,7 +187,7 @@ const PROBE: usize = 1 << 20;
 
 /// Whether a byte can be read without waiting for the disk; false where the system cannot tell.
 #[cfg(target_os = "linux")]
-fn is_cached(file: &File, at: u64) -> bool {
+fn is_cached(file: &std::fs::File, at: u64) -> bool {
     use rustix::io::{ReadWriteFlags, preadv2};
     let mut byte = [0];
     let mut parts = [std::io::IoSliceMut::new(&mut byte)];

@@ -2,11 +2,11 @@
 
 use crate::error::{Error, Result};
 use crate::grid::Dims;
+use crate::store::{self, File, is_remote};
 use crate::volume::Io;
 use crate::volume::io::byte_source::{ByteSource, FileSource, MapSource, Part, PartsSource};
 use crate::volume::io::mmap::Map;
 use crate::volume::io::stream::{StreamLayout, StreamSource};
-use std::fs::File;
 use std::io::{BufRead, BufReader, Seek, SeekFrom};
 use std::path::{Path, PathBuf};
 
@@ -111,14 +111,17 @@ pub(crate) fn source(stored: &Stored, data: &Data, io: Io) -> Result<Box<dyn Byt
         .collect::<Result<Vec<_>>>()?;
     if let [part] = &parts[..] {
         let file = open_file(&part.path)?;
-        return Ok(match io {
-            Io::Mmap => Box::new(MapSource(Map::new(
+        return Ok(match (io, file.local()) {
+            (Io::Mmap, Some(file)) => Box::new(MapSource(Map::new(
                 &part.path,
-                &file,
+                file,
                 part.offset,
                 part_bytes,
             )?)),
-            Io::Read => Box::new(FileSource {
+            (Io::Mmap, None) => {
+                return Err(Error::usage("--io", "mmap of a file in a bucket", "read"));
+            }
+            (Io::Read, _) => Box::new(FileSource {
                 file: file.into(),
                 path: part.path.clone(),
                 offset: part.offset,
@@ -176,18 +179,21 @@ const MAX_RATIO: u64 = 1032;
 
 /// Opens a regular file for reading; anything else is refused, see [`file_len`].
 pub(crate) fn open_file(path: &Path) -> Result<File> {
-    file_len(path)?;
+    // an object is no pipe, and is asked for once
+    if !is_remote(path) {
+        file_len(path)?;
+    }
     File::open(path).map_err(|e| Error::io(path, "open", e))
 }
 
 /// The length of a regular file; anything else is refused before it is opened, since opening a pipe
 /// can block for ever.
 pub(crate) fn file_len(path: &Path) -> Result<u64> {
-    let meta = std::fs::metadata(path).map_err(|e| Error::io(path, "open", e))?;
-    if meta.is_file() {
-        return Ok(meta.len());
+    let meta = store::metadata(path).map_err(|e| Error::io(path, "open", e))?;
+    if meta.is_file {
+        return Ok(meta.len);
     }
-    let found = if meta.is_dir() {
+    let found = if meta.is_dir {
         "a directory"
     } else {
         "a device or pipe"

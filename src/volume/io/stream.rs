@@ -1,13 +1,13 @@
 //! Compressed samples: decoded forwards, with a window of what was decoded last.
 
 use crate::error::{Error, Result};
+use crate::store::File;
 use crate::sys::locks::lock;
 use crate::volume::io::byte_rle::ByteRle;
 use crate::volume::io::byte_source::{ByteSource, Part, Rows};
 use crate::volume::io::data::{Encoding, open_file};
 use flate2::bufread::{DeflateDecoder, GzDecoder, ZlibDecoder};
 use std::collections::VecDeque;
-use std::fs::File;
 use std::io::{BufRead, BufReader, ErrorKind, Read, Seek, SeekFrom};
 use std::path::Path;
 use std::sync::Mutex;

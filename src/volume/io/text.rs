@@ -1,8 +1,8 @@
 //! Text headers: bounded lines, numbers, numbered file names, axes.
 
 use crate::error::{Error, Result};
+use crate::store::File;
 use crate::volume::io::data;
-use std::fs::File;
 use std::io::{BufRead, BufReader, Read};
 use std::path::{Path, PathBuf};
 use std::str::FromStr;

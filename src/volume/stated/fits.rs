@@ -9,6 +9,7 @@
 
 use crate::error::Result;
 use crate::grid::{Dims, MAX_DIM};
+use crate::store::is_remote;
 use crate::volume::{Opened, Volume, Voxel, with_voxel_type};
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -41,7 +42,9 @@ impl Opened {
             "metaimage" | "nrrd" => "correct the header",
             _ => return Ok(()),
         };
-        if !self.volume.random_access() {
+        // thousands of short reads here and there would each be a request
+        let far = self.files.iter().any(|file| is_remote(file));
+        if far || !self.volume.random_access() {
             return Ok(());
         }
         // of a folder of slices, each is a file

@@ -29,6 +29,7 @@ pub(crate) const FORMAT: Format = Format {
     begins: Some("a NRRD file, which begins with NRRD000"),
     headers: &["nhdr"],
     parse: Some(|input, _| parse(input.path)),
+    in_buckets: true,
     ..Format::BASE
 };
 

@@ -1,6 +1,7 @@
 //! Samples as base64 or as decimal numbers, unpacked to an unnamed temporary file.
 
 use crate::error::{Error, Result};
+use crate::store;
 use crate::volume::formats::vti::Bytes;
 use crate::volume::{Dtype, Endian};
 use std::fs::File;
@@ -15,9 +16,10 @@ fn temporary() -> Result<BufWriter<File>> {
     Ok(BufWriter::with_capacity(1 << 18, file))
 }
 
-fn finish(out: BufWriter<File>) -> Result<Arc<File>> {
+fn finish(out: BufWriter<File>) -> Result<Arc<store::File>> {
     let file = out.into_inner();
-    file.map(Arc::new).map_err(|e| disk(e.into_error()))
+    file.map(|file| Arc::new(file.into()))
+        .map_err(|e| disk(e.into_error()))
 }
 
 fn disk(e: std::io::Error) -> Error {
@@ -31,7 +33,7 @@ fn disk(e: std::io::Error) -> Error {
 ///
 /// # Errors
 /// [`Error::Io`] if there is no room for them.
-pub(crate) fn base64(bytes: &Bytes, position: u64, most: u64) -> Result<(Arc<File>, u64)> {
+pub(crate) fn base64(bytes: &Bytes, position: u64, most: u64) -> Result<(Arc<store::File>, u64)> {
     let mut out = temporary()?;
     let mut reader = bytes.reader(position, u64::MAX);
     // four characters of six bits make three bytes, one less for each that is padding
@@ -79,7 +81,12 @@ pub(crate) fn base64(bytes: &Bytes, position: u64, most: u64) -> Result<(Arc<Fil
 ///
 /// # Errors
 /// [`Error::Format`] for other numbers or another count of them.
-pub(crate) fn decimal(bytes: &Bytes, position: u64, dtype: Dtype, count: u64) -> Result<Arc<File>> {
+pub(crate) fn decimal(
+    bytes: &Bytes,
+    position: u64,
+    dtype: Dtype,
+    count: u64,
+) -> Result<Arc<store::File>> {
     let mut out = temporary()?;
     let mut reader = bytes.reader(position, u64::MAX).take(u64::MAX);
     let mut word = Vec::new();

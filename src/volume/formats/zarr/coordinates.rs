@@ -54,7 +54,7 @@ fn line(folder: &Path, name: &str, size: u64) -> Result<(Option<Line>, bool), St
     let Some(inner) = folder.parent().map(|group| group.join(name)) else {
         return none;
     };
-    if inner == folder || !inner.is_dir() {
+    if inner == folder || !crate::store::is_dir(&inner) {
         return none;
     }
     let array = match node(&inner) {

@@ -1,11 +1,10 @@
 //! Which chunks of a volume are there, by the names of files, so that a volume of which a part is missing is told.
 
 use crate::error::{Error, Result};
+use crate::store::{self, File};
 use crate::volume::formats::zarr::files::{Files, NONE};
 use crate::volume::formats::zarr::meta::{Array, ChunkKey};
 use crate::volume::stated::written::Missing;
-use std::fs::File;
-use std::os::unix::fs::FileExt;
 use std::path::{Path, PathBuf};
 
 /// More names than this are not looked at.
@@ -177,7 +176,7 @@ impl Wanted {
 
     /// Names such as `0/0/0`; false if there are too many.
     fn nested(&self, folder: &Path, place: &mut Vec<u64>, names: &mut Names) -> Result<bool> {
-        if !folder.is_dir() {
+        if !store::is_dir(folder) {
             return Ok(true);
         }
         let last = place.len() + 1 == self.grid.len();
@@ -303,13 +302,12 @@ fn each(
     mut look: impl FnMut(&Path, &str, bool, &mut Names) -> Result<bool>,
 ) -> Result<bool> {
     let fail = |e| Error::io(folder, "list", e);
-    for entry in std::fs::read_dir(folder).map_err(fail)? {
+    for entry in store::list(folder).map_err(fail)? {
         let entry = entry.map_err(fail)?;
         names.looked_at += 1;
-        let path = entry.path();
-        let name = entry.file_name();
-        let folder = entry.file_type().map_err(fail)?.is_dir();
-        if names.looked_at > MAX_NAMES || !look(&path, &name.to_string_lossy(), folder, names)? {
+        let path = folder.join(&entry.name);
+        let name = entry.name.to_string_lossy();
+        if names.looked_at > MAX_NAMES || !look(&path, &name, entry.is_dir, names)? {
             return Ok(false);
         }
     }

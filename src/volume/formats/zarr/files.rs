@@ -1,6 +1,7 @@
 //! The files of an array's chunks and shards, and the tables of shards.
 
 use crate::error::{Error, Result};
+use crate::store::{self, File, is_remote};
 use crate::sys::locks::lock;
 use crate::volume::codecs::blosc::Broken;
 use crate::volume::formats::zarr::codec;
@@ -8,10 +9,8 @@ use crate::volume::formats::zarr::codec::crc32c;
 use crate::volume::formats::zarr::meta::{Array, ChunkKey};
 use crate::volume::io::data;
 use std::collections::HashMap;
-use std::fs::File;
 use std::io::ErrorKind;
 use std::ops::Range;
-use std::os::unix::fs::FileExt;
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex};
 
@@ -78,18 +77,31 @@ impl Files {
     /// # Errors
     /// [`Error::Format`] for what is no regular file.
     pub(crate) fn open(&self, path: &Path) -> Result<Option<(File, u64)>> {
-        let size = match data::file_len(path) {
-            Ok(size) => size,
+        let open = || -> Result<(File, u64)> {
+            let fail = |e| Error::io(path, "open", e);
+            if !is_remote(path) {
+                let size = data::file_len(path)?;
+                return Ok((File::open(path).map_err(fail)?, size));
+            }
+            // a chunk comes with the answer that tells its size, and of a shard no more than is asked for
+            let file = match self.array.shards {
+                None => File::open(path),
+                Some(_) => File::open_for_parts(path),
+            };
+            let file = file.map_err(fail)?;
+            let size = file.len().map_err(fail)?;
+            Ok((file, size))
+        };
+        match open() {
+            Ok(open) => Ok(Some(open)),
             // unless all of it is gone
             Err(Error::Io { source, .. })
-                if source.kind() == ErrorKind::NotFound && self.folder.is_dir() =>
+                if source.kind() == ErrorKind::NotFound && store::is_dir(&self.folder) =>
             {
-                return Ok(None);
+                Ok(None)
             }
-            Err(e) => return Err(e),
-        };
-        let file = File::open(path).map_err(|e| Error::io(path, "open", e))?;
-        Ok(Some((file, size)))
+            Err(e) => Err(e),
+        }
     }
 
     /// A chunk as stored, unpacked; `None` if it is not there.

@@ -1,6 +1,7 @@
 //! What a hierarchy holds, and what is stated of an array by the groups above it.
 
 use crate::error::{Error, Result};
+use crate::store;
 use crate::volume::formats::folder::natural;
 use crate::volume::formats::zarr::axes::{self, Axis};
 use crate::volume::formats::zarr::meta::Array;
@@ -50,11 +51,14 @@ impl Found {
                 Ok(_) => {}
             }
             let fail = |e| Error::io(&folder, "list", e);
-            for entry in std::fs::read_dir(&folder).map_err(fail)? {
+            for entry in store::list(&folder).map_err(fail)? {
                 let entry = entry.map_err(fail)?;
                 count += 1;
-                if depth < MAX_DEPTH && count < MAX_FOUND && entry.path().is_dir() {
-                    folders.push((entry.path(), depth + 1));
+                let path = folder.join(entry.name);
+                // links are followed
+                let is_dir = entry.is_dir || entry.is_link && path.is_dir();
+                if depth < MAX_DEPTH && count < MAX_FOUND && is_dir {
+                    folders.push((path, depth + 1));
                 }
             }
         }

@@ -129,10 +129,10 @@ pub(crate) fn placed(folder: &Path, array: &Array, warnings: &mut Vec<Warning>) 
 
 /// True if a group holds another array of three axes or more, of another shape.
 fn others(group: &Path, array: &Array) -> bool {
-    let inside = std::fs::read_dir(group).into_iter().flatten().flatten();
+    let inside = crate::store::list(group).into_iter().flatten().flatten();
     inside
         .take(MAX_LOOKED_AT)
-        .any(|entry| match node(&entry.path()) {
+        .any(|entry| match node(&group.join(entry.name)) {
             Ok(Node::Array(other)) => other.shape.len() >= 3 && other.shape != array.shape,
             _ => false,
         })

@@ -1,10 +1,11 @@
 //! The nodes of a hierarchy: metadata in files of their own, or consolidated in one of a group above.
 
 use crate::error::{Error, Result};
+use crate::store::{is_file, is_remote};
 use crate::volume::formats::zarr::meta::{Array, Meta};
 use crate::volume::io::data;
 use serde_json::Value;
-use std::io::Read;
+use std::io::{ErrorKind, Read};
 use std::path::{Component, Path, PathBuf};
 
 /// Longer metadata are damaged.
@@ -14,7 +15,7 @@ pub(crate) const MAX_DEPTH: usize = 6;
 
 /// True for a folder that holds an array or group.
 pub(crate) fn is_zarr(path: &Path) -> bool {
-    let has = |folder: &Path, names: &[&str]| names.iter().any(|name| folder.join(name).exists());
+    let has = |folder: &Path, names: &[&str]| names.iter().any(|name| is_file(&folder.join(name)));
     if has(path, &[".zarray", ".zgroup", ".zmetadata", "zarr.json"]) {
         return true;
     }
@@ -37,6 +38,9 @@ pub(crate) enum Node {
 
 /// A path from the root, in which `..` is no part.
 pub(crate) fn absolute(path: &Path) -> Result<PathBuf> {
+    if is_remote(path) {
+        return Ok(path.to_path_buf());
+    }
     let fail = |e| Error::io(path, "open", e);
     let whole = std::path::absolute(path).map_err(fail)?;
     match whole.components().any(|c| c == Component::ParentDir) {
@@ -47,12 +51,15 @@ pub(crate) fn absolute(path: &Path) -> Result<PathBuf> {
 
 /// The JSON of a file; `None` if there is none.
 pub(crate) fn json(path: &Path) -> Result<Option<Value>> {
-    if !path.exists() {
+    if !is_remote(path) && !path.exists() {
         return Ok(None);
     }
+    let file = match data::open_file(path) {
+        Err(Error::Io { source, .. }) if source.kind() == ErrorKind::NotFound => return Ok(None),
+        open => open?,
+    };
     let mut bytes = Vec::new();
-    data::open_file(path)?
-        .take(MAX_JSON)
+    file.take(MAX_JSON)
         .read_to_end(&mut bytes)
         .map_err(|e| Error::io(path, "read", e))?;
     let value = serde_json::from_slice(&bytes);
