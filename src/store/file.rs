@@ -61,8 +61,8 @@ impl File {
     /// # Errors
     /// What the system or the store answers.
     pub fn on_disk(mut self) -> Result<std::fs::File> {
-        if let File::Local(file) = self {
-            return Ok(file);
+        if let Some(file) = self.local() {
+            return file.try_clone();
         }
         let mut copy = tempfile::tempfile()?;
         std::io::copy(&mut self, &mut copy)?;

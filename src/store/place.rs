@@ -12,14 +12,14 @@ pub(crate) fn is_remote(path: &Path) -> bool {
 }
 
 /// A bucket and a key in it, which is empty for the whole of it.
-#[cfg_attr(not(feature = "s3"), expect(dead_code))]
+#[cfg_attr(not(feature = "s3"), allow(dead_code))]
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct Place<'a> {
     pub bucket: &'a str,
     pub key: &'a str,
 }
 
-#[cfg_attr(not(feature = "s3"), expect(dead_code))]
+#[cfg_attr(not(feature = "s3"), allow(dead_code))]
 impl<'a> Place<'a> {
     /// Reads a path.
     ///
