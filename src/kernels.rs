@@ -141,7 +141,8 @@ impl Kernels {
         let count = self.tiling.tiles().iter().product::<u32>() as usize;
         self.meshes.resize_with(count, TileMesh::default);
         for ((view, tile), mesh) in tiles(&self.bands, self.tiling).zip(&mut self.meshes) {
-            self.mesher.mesh(&view, &tile, &settings, mesh);
+            let made = self.mesher.mesh(&view, &tile, &settings, mesh);
+            made.expect("no piece is split");
         }
     }
 

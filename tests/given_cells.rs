@@ -796,3 +796,39 @@ fn openings_and_the_curve_of_ratios_are_listed() {
     assert_eq!(lod.status.code(), Some(2));
     assert!(!out.join("lod").exists());
 }
+
+#[test]
+fn many_labels_in_a_tile_keep_the_limit_of_memory() {
+    let dir = tempfile::tempdir().unwrap();
+    let here = dir.path();
+    let (n, block) = (48u32, 3);
+    std::fs::write(here.join("noise.raw"), noise([n; 3], 11)).unwrap();
+    let blocks = n / block;
+    let label =
+        |i: u32| 1 + (i / n / n / block * blocks + i / n % n / block) * blocks + i % n / block;
+    let labels: Vec<u8> = (0..n * n * n)
+        .flat_map(|i| label(i).to_le_bytes())
+        .collect();
+    std::fs::write(here.join("labels.npy"), npy("<u4", [n; 3], &labels)).unwrap();
+    let limit = 64;
+    let made = alvis(
+        here,
+        &format!(
+            "convert noise.raw out --dims {n},{n},{n} --dtype u8 --threshold 128 --labels labels.npy --macrocube 48 \
+             --threads 1 --memory {limit}MiB --json"
+        ),
+    );
+    let made: serde_json::Value = serde_json::from_str(&made).unwrap();
+    assert_eq!(made["cells"], blocks.pow(3));
+    let peak = made["peak_rss_bytes"].as_u64().unwrap();
+    assert!(peak <= limit << 20, "{peak}");
+    // where they cannot fit, that is said, not done
+    let said = refusal(
+        here,
+        &format!(
+            "convert noise.raw small --dims {n},{n},{n} --dtype u8 --threshold 128 --labels labels.npy --macrocube 48 \
+             --threads 1 --memory 44MiB"
+        ),
+    );
+    assert!(said.contains("tiles that are made"), "{said}");
+}

@@ -18,7 +18,7 @@ use crate::convert::ConvertOptions;
 use crate::grid::{Dims, Tiling};
 use crate::labels::Span;
 use crate::manifest::Layout;
-use crate::surface::{BYTES_PER_CUBE, BYTES_PER_TRIANGLE};
+use crate::surface::{BYTES_PER_CUBE, BYTES_PER_SPLIT_VERTEX, BYTES_PER_TRIANGLE};
 use crate::sys::huge_pages::held;
 use crate::sys::memory_pool::Share;
 use crate::tile::codec;
@@ -72,6 +72,8 @@ const INSIDE_BYTES_PER_VOXEL: f64 = 0.125;
 /// foam takes 0.8, a thousand components to a megapixel 2. A slab that needs more is checked against the
 /// limit when it is met.
 const SLAB_BYTES_PER_PIXEL: f64 = 2.4;
+/// Bytes per voxel of a band for its cells, where they are given: 8 for each of as many pieces as there are runs.
+const CELLS_BYTES_PER_VOXEL: f64 = 0.06 * 8.0;
 /// Triangles per cube that a tile's buffers are planned for; a foam has 0.3. A tile that needs more is checked against the
 /// limit when it is met.
 const TILE_TRIANGLES_PER_CUBE: f64 = 0.4;
@@ -128,12 +130,19 @@ impl Cost {
             true => INSIDE_BYTES_PER_VOXEL,
             false => 0.0,
         };
-        let per_voxel = BAND_BYTES_PER_VOXEL + inside;
+        let given = options.labels.is_some() || options.split.is_some();
+        let cells = if given { CELLS_BYTES_PER_VOXEL } else { 0.0 };
+        let per_voxel = BAND_BYTES_PER_VOXEL + inside + cells;
         let band = samples * bytes + span.voxels() as f64 * per_voxel;
         let per_triangle = per_triangle(options);
         let cubes: f64 = (0..3).map(|a| f64::from(tiling.cubes(a, 0).end)).product();
         let triangles = cubes * triangles_per_cube(options);
-        let tile = triangles * per_triangle as f64 + cubes * BYTES_PER_CUBE;
+        // pieces that hold several cells are in memory twice: whole, and in parts
+        let in_buffers = match given {
+            true => 2 * per_triangle + BYTES_PER_SPLIT_VERTEX / 2,
+            false => per_triangle,
+        };
+        let tile = triangles * in_buffers as f64 + cubes * BYTES_PER_CUBE;
         let body = (triangles * BODY_BYTES_PER_TRIANGLE) as usize;
         let held = held(body, body);
         let slices = span.with_neighbours(tiling.dims).z;

@@ -1,6 +1,7 @@
 //! How a conversion is cut to fit memory.
 
 use crate::convert::ConvertOptions;
+use crate::convert::cells::splitting_bytes;
 use crate::convert::memory::{Cost, FINISHING, FOR_TABLES, PROGRAM, TABLES, WRITES};
 use crate::error::{Error, MemoryUse, Result};
 use crate::grid::{Dims, Tiling};
@@ -117,7 +118,11 @@ pub fn plan(
             hint: "fewer --threads or a smaller --macrocube need less, a surface denser than that of a foam more".into(),
         });
     }
-    Ok(smallest.with_bands(&cost).with_writers())
+    let plan = smallest.with_bands(&cost).with_writers();
+    Ok(match options.split {
+        Some(_) => plan.with_splitting(),
+        None => plan,
+    })
 }
 
 impl Plan {
@@ -132,6 +137,13 @@ impl Plan {
         };
         let mut all = (2..=most).rev().map(with);
         all.find(|p| p.memory <= self.limit).unwrap_or(self)
+    }
+
+    /// Cells are split before tiles are made, in what is left of the limit then.
+    fn with_splitting(mut self) -> Self {
+        let bytes = self.fixed + splitting_bytes(self.tiling.dims, self.threads);
+        self.memory = self.memory.max(bytes.min(self.limit));
+        self
     }
 
     /// After all else, tiles may be on their way to the disk: a few of them.

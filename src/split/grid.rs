@@ -55,6 +55,13 @@ impl SlabGrid {
         }
     }
 
+    /// Bytes of blocks that no more memory makes larger.
+    pub fn most_bytes(dims: Dims, threads: usize) -> u64 {
+        let [nx, ny, nz] = dims.0.map(u64::from);
+        let slab = nx * ny * nz.min(HEIGHT.into());
+        BLOCK_BYTES * (slab * threads.max(1) as u64).min(nx * ny * nz)
+    }
+
     /// Words of the bits of a row.
     pub fn row_words(&self) -> usize {
         (self.dims.0[0] as usize).div_ceil(64)

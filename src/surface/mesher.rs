@@ -7,7 +7,7 @@ use crate::strip::Triangle;
 use crate::surface::assign_pieces::{Piece, PieceIndex, VertexAssignment, assign_vertices};
 use crate::surface::caps::add_caps;
 use crate::surface::edges::{Edges, known_or};
-use crate::surface::split_pieces::PieceSplitter;
+use crate::surface::split_pieces::{BYTES_PER_SPLIT_VERTEX, PieceSplitter};
 use crate::surface::sums::sum_pieces;
 use crate::surface::triangles::{CaseKernels, CubeMarcher, MarchInput};
 use crate::surface::vertex_buffer::VertexBuffer;
@@ -25,6 +25,9 @@ pub const BYTES_PER_CUBE: f64 = 1.5;
 
 /// Bytes of buffers for each surface piece of a tile.
 const BYTES_PER_PIECE: u64 = 256;
+
+/// Bytes for each part that a piece is split to: as it is made, where it lies in the file, and its record.
+const BYTES_PER_PART: u64 = 1024;
 
 /// How large the mesh of a tile is.
 #[derive(Debug, Clone, Copy)]
@@ -52,6 +55,18 @@ impl Sizes {
             + self.pieces * BYTES_PER_PIECE
             + (cubes * BYTES_PER_CUBE) as u64
             + rest_of_page
+    }
+
+    /// Bytes of buffers beside [`Sizes::bytes`] of this mesh for splitting its pieces, whatever they are split to.
+    pub fn bytes_to_split(&self) -> u64 {
+        self.vertices * BYTES_PER_SPLIT_VERTEX
+    }
+
+    /// Bytes of buffers for the parts that pieces are split to; these sizes are theirs. They lie beside those of the whole
+    /// mesh.
+    pub fn bytes_of_parts(&self, per_triangle: u64) -> u64 {
+        let rest_of_page = VertexBuffer::rest_of_page(self.vertices as usize) as u64;
+        2 * self.vertices * per_triangle + self.pieces * BYTES_PER_PART + rest_of_page
     }
 }
 
@@ -185,7 +200,7 @@ impl TileBox {
 }
 
 /// What the mesher needs of a band.
-#[derive(Debug, Clone, Copy)]
+#[derive(Clone, Copy)]
 pub struct BandView<'a, T> {
     /// Samples with the neighbours that gradients need.
     pub voxels: &'a Voxels<T>,
@@ -200,12 +215,14 @@ pub struct BandView<'a, T> {
 }
 
 /// The cells of a band that are parts of components.
-#[derive(Debug, Clone, Copy)]
+#[derive(Clone, Copy)]
 pub struct CellsView<'a> {
     /// Of each voxel.
     pub of_voxels: &'a BandCells,
     /// Of each class of voxels below, if all of its voxels are in one.
     pub of_class: &'a [Option<u64>],
+    /// Tells whether there is memory for parts of these sizes.
+    pub fits: &'a dyn Fn(&Sizes) -> bool,
 }
 
 impl<T: Voxel> BandView<'_, T> {
@@ -267,24 +284,27 @@ pub struct TileMesher {
 
 impl TileMesher {
     /// Meshes one tile into `out`; reuses its memory. True if the tile has any surface.
+    ///
+    /// # Errors
+    /// The sizes of the parts that its pieces would be split to, if they do not fit.
     pub fn mesh<T: Voxel>(
         &mut self,
         view: &BandView<T>,
         tile: &TileBox,
         settings: &MeshSettings,
         out: &mut TileMesh,
-    ) -> bool {
+    ) -> Result<bool, Sizes> {
         out.pieces.clear();
         self.edges.find(view.bits, tile);
         let vertices = self.edges.count();
         out.chunk.begin(vertices);
         if vertices > 0 {
-            self.mesh_open(view, tile, settings, out);
+            self.mesh_open(view, tile, settings, out)?;
         }
         if settings.cap {
             add_caps(view, tile, settings, out);
         }
-        !out.pieces.is_empty()
+        Ok(!out.pieces.is_empty())
     }
 
     /// The surface inside the volume.
@@ -294,7 +314,7 @@ impl TileMesher {
         tile: &TileBox,
         settings: &MeshSettings,
         out: &mut TileMesh,
-    ) {
+    ) -> Result<(), Sizes> {
         assign_vertices(
             view,
             tile,
@@ -323,7 +343,7 @@ impl TileMesher {
         self.walk.make(cut, CaseKernels::of(settings.rule), out);
         if let Some(cells) = view.cells {
             let found = (&self.edges, &self.sheets);
-            self.splitter.split(view, tile, &cells, found, out);
+            self.splitter.split(view, tile, &cells, found, out)?;
         }
         sum_pieces(
             &mut out.pieces,
@@ -331,6 +351,7 @@ impl TileMesher {
             &out.triangles,
             &settings.area,
         );
+        Ok(())
     }
 }
 

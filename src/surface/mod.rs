@@ -24,6 +24,7 @@ pub use mesher::{
     BYTES_PER_CUBE, BYTES_PER_TRIANGLE, BandView, CellsView, MeshSettings, Sizes, TileBox,
     TileMesh, TileMesher,
 };
+pub use split_pieces::BYTES_PER_SPLIT_VERTEX;
 
 #[cfg(test)]
 mod tests;

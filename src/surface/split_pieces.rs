@@ -9,14 +9,28 @@ use crate::labels::BandCells;
 use crate::strip::{NONE, STRIDE, Triangle};
 use crate::surface::assign_pieces::{Piece, VertexAssignment};
 use crate::surface::edges::Edges;
-use crate::surface::mesher::{BandView, CellsView, TileBox, TileMesh};
-use std::collections::BTreeMap;
+use crate::surface::mesher::{BandView, CellsView, Sizes, TileBox, TileMesh};
+use std::ops::Range;
 
-/// Splits pieces; its buffers are used again from tile to tile.
+/// Bytes of buffers for each crossed edge of a tile whose pieces may be split: what is known of its vertex, and for its two
+/// triangles the cell, the place in the order of cells and the new place.
+pub const BYTES_PER_SPLIT_VERTEX: u64 = 120;
+
+/// Splits pieces; its buffers are used again from tile to tile. What they take follows vertices, triangles and parts.
 #[derive(Debug, Default)]
 pub struct PieceSplitter {
     /// What is known of the edge of each vertex.
     ends: Vec<End>,
+    /// The cell of each triangle, piece by piece.
+    cell_of: Vec<u64>,
+    /// Numbers of the triangles of each piece, from 0, by their cells.
+    by_cell: Vec<u32>,
+    /// Of each vertex of a piece, its number in the part that is made, or that part.
+    vertex_of: Vec<u32>,
+    /// Where the triangles of a piece go: the part, and the number in it. The first one is that of none.
+    places: Vec<(u32, u32)>,
+    /// The corners of a part, each once.
+    corners: Vec<u32>,
     vectors: [Vec<[f32; 3]>; 2],
     triangles: Vec<Triangle>,
     pieces: Vec<Piece>,
@@ -33,11 +47,11 @@ struct End {
     shared: bool,
 }
 
-/// Where the triangles of a piece went: the part, and the number in it.
-type NewPlaces = Vec<(u32, u32)>;
-
 impl PieceSplitter {
     /// Gives each piece of the open surface its cell, and splits those that have several; they are to be summed up then.
+    ///
+    /// # Errors
+    /// The sizes of the mesh with all parts, if it does not fit; `out` has no meaning then.
     pub fn split<T>(
         &mut self,
         view: &BandView<T>,
@@ -45,7 +59,7 @@ impl PieceSplitter {
         cells: &CellsView,
         found: (&Edges, &VertexAssignment),
         out: &mut TileMesh,
-    ) {
+    ) -> Result<(), Sizes> {
         let mut all_known = true;
         for piece in &mut out.pieces {
             match cells.of_class[piece.cell as usize] {
@@ -54,7 +68,7 @@ impl PieceSplitter {
             }
         }
         if all_known {
-            return;
+            return Ok(());
         }
         self.find_ends(view, tile, cells.of_voxels, found);
         let mut any = false;
@@ -64,21 +78,68 @@ impl PieceSplitter {
             any |= ends.iter().any(|end| end.cell != piece.given);
         }
         if !any {
-            return;
+            return Ok(());
         }
-        self.vectors.iter_mut().for_each(Vec::clear);
+        let sizes = self.sort_triangles(out);
+        if !(cells.fits)(&sizes) {
+            return Err(sizes);
+        }
+        let vertices = sizes.vertices as usize;
+        for vectors in &mut self.vectors {
+            vectors.clear();
+            vectors.reserve_exact(vertices);
+        }
         self.triangles.clear();
+        let faces = self.cell_of.len() + sizes.pieces as usize;
+        self.triangles.reserve_exact(faces);
         self.pieces.clear();
+        self.pieces.reserve_exact(sizes.pieces as usize);
         let pieces = std::mem::take(&mut out.pieces);
+        let mut first = 0;
         for piece in &pieces {
-            self.add_parts(piece, tile, out);
+            let own = first..first + piece.triangles as usize;
+            first = own.end;
+            self.add_parts(piece, own, tile, out);
         }
+        let faces = self.pieces.last().map_or(0, Piece::end_of_faces);
+        self.triangles.resize(faces as usize, Triangle::default());
         out.pieces.append(&mut self.pieces);
         std::mem::swap(&mut out.triangles, &mut self.triangles);
         out.chunk.begin(self.vectors[0].len());
         for (to, from) in out.chunk.vectors_mut().into_iter().zip(&self.vectors) {
             to.copy_from_slice(from);
         }
+        Ok(())
+    }
+
+    /// Sorts the triangles of each piece by their cells, and counts what the parts will have.
+    fn sort_triangles(&mut self, mesh: &TileMesh) -> Sizes {
+        self.cell_of.clear();
+        self.by_cell.clear();
+        let mut sizes = Sizes {
+            vertices: 0,
+            pieces: 0,
+        };
+        for piece in &mesh.pieces {
+            let faces = &mesh.triangles[piece.faces()][1..];
+            let ends = &self.ends[piece.first_vertex as usize..];
+            let first = self.cell_of.len();
+            self.cell_of
+                .extend(faces.iter().map(|face| cell(face, ends)));
+            self.by_cell.extend(0..piece.triangles);
+            let (cell_of, by_cell) = (&self.cell_of[first..], &mut self.by_cell[first..]);
+            by_cell.sort_unstable_by_key(|&t| (cell_of[t as usize], t));
+            self.vertex_of.clear();
+            self.vertex_of.resize(piece.vertices as usize, u32::MAX);
+            for (number, part) in (0..).zip(parts(by_cell, cell_of)) {
+                sizes.pieces += 1;
+                for corner in part.iter().flat_map(|&t| faces[t as usize].corners()) {
+                    let last = std::mem::replace(&mut self.vertex_of[corner as usize], number);
+                    sizes.vertices += u64::from(last != number);
+                }
+            }
+        }
+        sizes
     }
 
     /// Finds the cell and the key of each vertex.
@@ -128,74 +189,69 @@ impl PieceSplitter {
         }
     }
 
-    /// Adds the parts of a piece by the ids of their cells.
-    fn add_parts(&mut self, piece: &Piece, tile: &TileBox, from: &TileMesh) {
+    /// Adds the parts of a piece by the ids of their cells; `own` are its triangles among all.
+    fn add_parts(&mut self, piece: &Piece, own: Range<usize>, tile: &TileBox, from: &TileMesh) {
         let first = piece.first_vertex as usize;
-        let faces = &from.triangles[piece.faces()];
-        let positions = from.chunk.numbers().as_chunks::<3>().0;
-        let cell_of = |triangle: &Triangle| {
-            let corners = triangle.corners().map(|v| self.ends[first + v as usize]);
-            let lowest = corners.into_iter().min_by_key(|end| end.key);
-            lowest.expect("three corners").cell
-        };
-        let vertices = piece.vertices as usize;
-        let mut parts: BTreeMap<u64, Part> = BTreeMap::new();
-        let cells: Vec<u64> = faces[1..].iter().map(cell_of).collect();
-        for &cell in &cells {
-            parts.entry(cell).or_default();
-        }
-        for (number, part) in (0..).zip(parts.values_mut()) {
-            part.number = number;
-            part.vertex_of = vec![u32::MAX; vertices];
-        }
-        let mut places: NewPlaces = vec![(u32::MAX, 0)];
-        for (triangle, cell) in faces[1..].iter().zip(&cells) {
-            let part = parts.get_mut(cell).expect("one for each cell");
-            part.triangles += 1;
-            places.push((part.number, part.triangles));
-            for corner in triangle.corners() {
-                part.vertex_of[corner as usize] = 0;
-            }
-        }
-        let counted_with = counted_with(&faces[1..], &cells, &positions[first..][..vertices]);
-        for (cell, mut part) in parts {
-            let mut new = self.new_piece(piece, cell, &mut part, from);
-            let own = counted_with.iter().zip(&self.ends[first..]);
-            let own = own.filter(|(with, end)| **with == Some(cell) && !end.shared);
-            new.sums.vertices = own.count() as u64;
-            let at = new.first_triangle as usize;
-            let room = new.end_of_faces() as usize - self.triangles.len();
+        let faces = &from.triangles[piece.faces()][1..];
+        let positions = &from.chunk.numbers().as_chunks::<3>().0[first..];
+        let positions = &positions[..piece.vertices as usize];
+        let by_cell = std::mem::take(&mut self.by_cell);
+        let cell_of = std::mem::take(&mut self.cell_of);
+        let (of_piece, cells) = (&by_cell[own.clone()], &cell_of[own]);
+        self.place(of_piece, cells);
+        self.vertex_of.clear();
+        self.vertex_of.resize(piece.vertices as usize, u32::MAX);
+        let counted_with = counted_with(faces, cells, positions);
+        for (number, part) in (0..).zip(parts(of_piece, cells)) {
+            let cell = cells[part[0] as usize];
+            let mut new = self.new_piece(piece, cell, part, from);
+            let counted = self.corners.iter().filter(|&&v| {
+                counted_with[v as usize] == Some(cell) && !self.ends[first + v as usize].shared
+            });
+            new.sums.vertices = counted.count() as u64;
             // another way than the mesher's, which is compiled for itself alone
-            let none = std::iter::repeat_n(Triangle::default(), room);
-            self.triangles.extend(none);
-            let own = (1..)
-                .zip(&faces[1..])
-                .filter(|&(t, _): &(usize, _)| places[t].0 == part.number);
-            for (t, triangle) in own {
-                new.sums.border_edges += on_border(triangle, &positions[first..], tile);
-                let to = at + places[t].1 as usize;
-                self.triangles[to] = part.moved(triangle, &places);
+            self.triangles.push(Triangle::default());
+            for &t in part {
+                let triangle = &faces[t as usize];
+                new.sums.border_edges += on_border(triangle, positions, tile);
+                let moved = self.moved(triangle, number);
+                self.triangles.push(moved);
             }
             self.pieces.push(new);
         }
+        (self.by_cell, self.cell_of) = (by_cell, cell_of);
     }
 
-    /// A part of a piece without its sums; its vertices are added.
-    fn new_piece(&mut self, piece: &Piece, cell: u64, part: &mut Part, from: &TileMesh) -> Piece {
+    /// Numbers the triangles of a piece, which are sorted by cells, in their parts.
+    fn place(&mut self, by_cell: &[u32], cells: &[u64]) {
+        self.places.clear();
+        self.places.resize(1 + by_cell.len(), (u32::MAX, 0));
+        for (number, part) in (0..).zip(parts(by_cell, cells)) {
+            for (place, &t) in (1..).zip(part) {
+                self.places[1 + t as usize] = (number, place);
+            }
+        }
+    }
+
+    /// A part of a piece without its sums; its vertices are added, and numbered.
+    fn new_piece(&mut self, piece: &Piece, cell: u64, part: &[u32], from: &TileMesh) -> Piece {
+        let faces = &from.triangles[piece.faces()][1..];
         let coordinates = from.chunk.numbers();
         let normals = 3 * from.chunk.vertices();
         let mut new = Piece::new(piece.object, piece.cell);
         new.given = cell;
         new.first_vertex = self.vectors[0].len() as u32;
-        new.first_triangle = self.pieces.last().map_or(0, Piece::end_of_faces);
-        new.triangles = part.triangles;
-        for (v, to) in part.vertex_of.iter_mut().enumerate() {
-            if *to == u32::MAX {
-                continue;
-            }
-            *to = new.vertices;
-            new.vertices += 1;
-            let at = piece.first_vertex as usize + v;
+        new.first_triangle = self.triangles.len() as u32;
+        new.triangles = part.len() as u32;
+        self.corners.clear();
+        let corners = part.iter().flat_map(|&t| faces[t as usize].corners());
+        self.corners.extend(corners);
+        self.corners.sort_unstable();
+        self.corners.dedup();
+        new.vertices = self.corners.len() as u32;
+        for (number, &v) in (0..).zip(&self.corners) {
+            self.vertex_of[v as usize] = number;
+            let at = (piece.first_vertex + v) as usize;
             new.key = new.key.min(self.ends[at].key);
             for (vectors, start) in self.vectors.iter_mut().zip([0, normals]) {
                 let numbers = &coordinates[start + 3 * at..][..3];
@@ -204,6 +260,31 @@ impl PieceSplitter {
         }
         new
     }
+
+    /// A triangle of the piece with the vertices of part `number`; neighbours in other parts are none.
+    fn moved(&self, triangle: &Triangle, number: u32) -> Triangle {
+        let corners = triangle.corners().map(|v| self.vertex_of[v as usize]);
+        let mates = triangle.mates.map(|mate| {
+            let (part, place) = self.places[(mate / STRIDE) as usize];
+            match part == number {
+                true => STRIDE * place + mate % STRIDE,
+                false => NONE,
+            }
+        });
+        Triangle::new(corners, mates)
+    }
+}
+
+/// The cell of a triangle: that of its vertex with the smallest key.
+fn cell(triangle: &Triangle, ends: &[End]) -> u64 {
+    let corners = triangle.corners().map(|v| ends[v as usize]);
+    let lowest = corners.into_iter().min_by_key(|end| end.key);
+    lowest.expect("three corners").cell
+}
+
+/// The triangles of each cell, of those that are sorted by cells.
+fn parts<'a>(by_cell: &'a [u32], cells: &'a [u64]) -> impl Iterator<Item = &'a [u32]> {
+    by_cell.chunk_by(|&a, &b| cells[a as usize] == cells[b as usize])
 }
 
 /// The cell with which each vertex of a piece is counted, `None` of one that no triangle has; `positions` are those of the
@@ -225,30 +306,6 @@ fn counted_with(triangles: &[Triangle], cells: &[u64], positions: &[[f32; 3]]) -
     last.iter()
         .map(|known| known.map(|(_, cell)| cell))
         .collect()
-}
-
-/// A part of a piece while it is made.
-#[derive(Debug, Default)]
-struct Part {
-    number: u32,
-    triangles: u32,
-    /// Its vertex of each of the piece's; `u32::MAX` of those that it lacks.
-    vertex_of: Vec<u32>,
-}
-
-impl Part {
-    /// A triangle of the piece with the part's vertices; neighbours in other parts are none.
-    fn moved(&self, triangle: &Triangle, places: &NewPlaces) -> Triangle {
-        let corners = triangle.corners().map(|v| self.vertex_of[v as usize]);
-        let mates = triangle.mates.map(|mate| {
-            let (part, number) = places[(mate / STRIDE) as usize];
-            match part == self.number {
-                true => STRIDE * number + mate % STRIDE,
-                false => NONE,
-            }
-        });
-        Triangle::new(corners, mates)
-    }
 }
 
 /// Edges of a triangle that lie on the faces of the volume; `positions` are those of its piece.

@@ -262,7 +262,8 @@ impl Case {
         let tile = |tx| {
             let tile = TileBox::of(self.tiling(), [tx, ty, tz]);
             let mut mesh = TileMesh::default();
-            TileMesher::default().mesh(&view, &tile, &settings, &mut mesh);
+            let made = TileMesher::default().mesh(&view, &tile, &settings, &mut mesh);
+            made.unwrap();
             check_mates(&mesh);
             if !self.cap {
                 let made: u32 = mesh.pieces.iter().map(|p| p.vertices).sum();
@@ -273,7 +274,8 @@ impl Case {
             let mut plain = TileMesher::default();
             plain.walk.plain = true;
             let mut reference = TileMesh::default();
-            plain.mesh(&view, &tile, &settings, &mut reference);
+            let made = plain.mesh(&view, &tile, &settings, &mut reference);
+            made.unwrap();
             assert_same(&mesh, &reference);
             mesh
         };

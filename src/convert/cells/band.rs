@@ -2,9 +2,11 @@
 
 use crate::convert::cells::contacts::{Contact, Contacts};
 use crate::convert::known_band::KnownBand;
+use crate::error::Result;
 use crate::grid::{Ambiguous, Dims, Placement};
 use crate::labels::{BandCells, InsideBand, RowRuns, Run, for_each_region_edge, label_below_0};
 use crate::measure::{Row, VoxelSums, power_sums};
+use crate::sys::memory_pool::MemoryReservation;
 use std::collections::HashMap;
 
 /// Voxels of a cell in a row, one behind the other.
@@ -62,13 +64,19 @@ pub struct CellSettings<'a> {
     pub place: &'a Placement,
 }
 
-/// Finds the cells of a band, of whose voxels `inside` are in the region of interest, if there is one.
+/// Finds the cells of a band, of whose voxels `inside` are in the region of interest, if there is one. What they take is
+/// added to `held`, which has what the band takes.
+///
+/// # Errors
+/// [`crate::Error::TooDense`].
 pub fn cells_of_band(
     band: &KnownBand,
     cells: &BandCells,
     inside: Option<&InsideBand>,
     settings: &CellSettings,
-) -> CellsOfBand {
+    held: &mut MemoryReservation,
+) -> Result<CellsOfBand> {
+    let band_bytes = held.bytes();
     let mut finder = Finder {
         band,
         cells,
@@ -79,10 +87,11 @@ pub fn cells_of_band(
         rows: vec![0],
         stretches: Vec::new(),
     };
-    finder.sum_rows();
+    finder.sum_rows(|bytes| held.grow_to(band_bytes + bytes))?;
+    let found_bytes = held.bytes();
     if settings.finds_contacts {
         let mut contacts = Contacts::new(&finder.found.parts);
-        finder.touching(&mut contacts);
+        finder.touching(&mut contacts, |bytes| held.grow_to(found_bytes + bytes))?;
         finder.found.contacts = contacts.finish();
     }
     for part in &mut finder.found.parts {
@@ -91,7 +100,7 @@ pub fn cells_of_band(
     if let Some(inside) = inside {
         finder.note_region_edge(inside);
     }
-    finder.found
+    Ok(finder.found)
 }
 
 struct Finder<'a> {
@@ -126,8 +135,15 @@ impl Finder<'_> {
         self.last.2
     }
 
-    /// Cuts the runs of voxels below at the ends of cells, and sums up what the band owns.
-    fn sum_rows(&mut self) {
+    /// Bytes of what is found, of maps half as much again while they grow.
+    fn bytes(&self) -> u64 {
+        let parts = self.found.parts.capacity() * size_of::<CellPart>();
+        let numbers = self.number_of.capacity() * 48;
+        (parts + numbers + self.stretches.capacity() * size_of::<Stretch>()) as u64
+    }
+
+    /// Cuts the runs of voxels below at the ends of cells, and sums up what the band owns; `take` takes the bytes for it.
+    fn sum_rows(&mut self, mut take: impl FnMut(u64) -> Result<()>) -> Result<()> {
         let bits = &self.band.bits;
         let span = &bits.span;
         let rotated = self.settings.place.is_rotated();
@@ -167,8 +183,10 @@ impl Finder<'_> {
                     });
                 }
                 self.rows.push(self.stretches.len() as u32);
+                take(self.bytes())?;
             }
         }
+        Ok(())
     }
 
     fn row(&self, s: usize, r: usize) -> &[Stretch] {
@@ -176,8 +194,13 @@ impl Finder<'_> {
         &self.stretches[self.rows[row] as usize..self.rows[row + 1] as usize]
     }
 
-    /// Finds who touches whom, each pair of neighbouring voxels in the one band that owns it.
-    fn touching(&self, contacts: &mut Contacts) {
+    /// Finds who touches whom, each pair of neighbouring voxels in the one band that owns it; `take` takes the bytes
+    /// for them.
+    fn touching(
+        &self,
+        contacts: &mut Contacts,
+        mut take: impl FnMut(u64) -> Result<()>,
+    ) -> Result<()> {
         let span = &self.band.bits.span;
         let wide = self.settings.rule == Ambiguous::Separate;
         for (s, z) in span.z.clone().enumerate() {
@@ -197,8 +220,10 @@ impl Finder<'_> {
                     contacts.between(self.row(s - 1, r - 1), here, false, None);
                     contacts.between(self.row(s, r - 1), self.row(s - 1, r), false, None);
                 }
+                take(contacts.bytes())?;
             }
         }
+        Ok(())
     }
 
     /// Notes that cells touch the border at the edge of the region, as components do.

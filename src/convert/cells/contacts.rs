@@ -71,6 +71,11 @@ impl<'a> Contacts<'a> {
         }
     }
 
+    /// Bytes of what is found, of the map half as much again while it grows.
+    pub fn bytes(&self) -> u64 {
+        (self.found.capacity() * size_of::<Contact>() + self.place_of.capacity() * 24) as u64
+    }
+
     /// What is known of two cells, of which the first lies at the lower end of an axis; and whether that has the smaller
     /// number. `None` if they are one.
     fn of(&mut self, low: u32, high: u32) -> Option<(&mut Contact, bool)> {

@@ -11,7 +11,7 @@ mod split;
 
 pub use kept_bits::KeptBits;
 pub use opening::Opening;
-pub use split::{for_blocks, metric, opening_of, split_options, write_rows};
+pub use split::{for_blocks, metric, opening_of, split_options, splitting_bytes, write_rows};
 
 use crate::checkpoint::{Checkpointer, Marks};
 use crate::convert::cells::band::{BelowZero, CellPart, CellSettings, CellsOfBand, cells_of_band};
@@ -226,11 +226,25 @@ pub fn sum_cells(
         if job.progress.interrupted() {
             return Err(Error::Interrupted);
         }
-        some.par_iter().with_max_len(1).try_for_each(|&place| {
-            let found = input.band(place, &rows, finds_contacts)?;
+        let add = |place| {
+            let (found, held) = input.band(place, &rows, finds_contacts)?;
             job.progress.advance(1);
-            lock(&gathered).add(found, none, finds_contacts)
-        })?;
+            let added = lock(&gathered).add(found, none, finds_contacts);
+            drop(held);
+            added
+        };
+        let left = Mutex::new(Vec::new());
+        some.par_iter()
+            .with_max_len(1)
+            .try_for_each(|&place| match add(place) {
+                // alone it may fit
+                Err(Error::TooDense { .. }) if some.len() > 1 => {
+                    lock(&left).push(place);
+                    Ok(())
+                }
+                added => added,
+            })?;
+        into_inner(left).into_iter().try_for_each(add)?;
     }
     let gathered = into_inner(gathered);
     if let Some(found) = gathered.below_0 {
@@ -263,17 +277,22 @@ fn refused(BelowZero { zyx, label }: BelowZero, rows: &CellRows) -> Error {
 }
 
 impl CellsInput<'_> {
-    /// The cells of band `ty` of layer `tz`.
-    fn band(&self, place: [u32; 2], rows: &CellRows, finds_contacts: bool) -> Result<CellsOfBand> {
+    /// The cells of band `ty` of layer `tz`, and the memory that they take.
+    fn band(
+        &self,
+        place: [u32; 2],
+        rows: &CellRows,
+        finds_contacts: bool,
+    ) -> Result<(CellsOfBand, MemoryReservation)> {
         let (known, tiling) = (self.known, self.known.tiling);
         let number = known.number(place);
         let kept = known.kept.get(number)?;
         let span = span_of(tiling, place[0], place[1]);
         let kinds = known.kept.kinds(&kept, &span)?;
-        if !kept.has_surface() && kinds.0[0] != 0 {
-            return Ok(CellsOfBand::default());
-        }
         let mut held = MemoryReservation::new(self.memory, BANDS);
+        if !kept.has_surface() && kinds.0[0] != 0 {
+            return Ok((CellsOfBand::default(), held));
+        }
         let bytes = KnownBands::bytes(&kept, &span);
         held.grow_to(bytes)?;
         let (mut band, mut cells) = (KnownBand::default(), BandCells::default());
@@ -285,8 +304,7 @@ impl CellsInput<'_> {
             own.load(region, &span)?;
             inside = Some(own);
         }
-        // stretches are as many as runs and pieces
-        held.grow_to(bytes + 3 * cells.bytes() + 12 * kept.runs())?;
+        held.grow_to(bytes + cells.bytes())?;
         let options = self.job.options;
         let settings = CellSettings {
             dims: tiling.dims,
@@ -294,7 +312,9 @@ impl CellsInput<'_> {
             finds_contacts,
             place: &options.measured(&self.job.grid.header().placement)?,
         };
-        Ok(cells_of_band(&band, &cells, inside.as_ref(), &settings))
+        let inside = inside.as_ref();
+        let found = cells_of_band(&band, &cells, inside, &settings, &mut held)?;
+        Ok((found, held))
     }
 
     /// Where cells touch, one opening for each two.

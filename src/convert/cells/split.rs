@@ -28,6 +28,12 @@ pub struct SplitCells {
     pub curve: Vec<[u64; 2]>,
 }
 
+/// Bytes that splitting a volume of this size is expected to take, if it may have as many.
+pub fn splitting_bytes(dims: Dims, threads: usize) -> u64 {
+    let blocks = SlabGrid::most_bytes(dims, threads);
+    BESIDE_BLOCKS.min(2 * dims.voxels()) + ENOUGH.min(blocks)
+}
+
 /// The metric of a conversion.
 pub fn metric(spacing: [f64; 3]) -> Metric {
     Metric::of_spacing(spacing, Metric::REACH)

@@ -7,9 +7,10 @@ use crate::convert::mesh::tile_writer::{TileRecord, WrittenPiece};
 use crate::convert::mesh::workspace_pool::Workspace;
 use crate::error::Result;
 use crate::measure::{AreaScale, MeshSums};
-use crate::surface::{BandView, CellsView, MeshSettings, TileBox};
+use crate::surface::{BandView, CellsView, MeshSettings, Sizes, TileBox};
 use crate::tile::MAX_NODES;
 use crate::volume::Voxel;
+use std::cell::RefCell;
 
 /// A tile that is written.
 pub struct WrittenTile {
@@ -38,26 +39,45 @@ impl Meshing<'_> {
             cap: options.cap,
             area: AreaScale::new(self.volume.header().placement.spacing),
         };
-        let view = BandView {
-            voxels: &band.voxels,
-            bits: &band.known.bits,
-            runs: &band.known.runs,
-            class_of_run: &band.known.class_of_run,
-            cells: self.cells.map(|_| CellsView {
-                of_voxels: &band.cells,
-                of_class: &band.cell_of_class,
-            }),
-        };
         let tile = TileBox::of(self.job.plan.tiling, grid);
         let sizes = &band.sizes[grid[0] as usize];
-        let bytes = sizes.bytes(&tile, self.job.plan.per_triangle);
-        self.workspaces.with(bytes, |workspace| {
-            let Workspace { mesher, mesh, .. } = workspace;
-            match mesher.mesh(&view, &tile, &settings, mesh) {
-                true => self.write_tile(band, grid, workspace).map(Some),
-                false => Ok(None),
+        let per_triangle = self.job.plan.per_triangle;
+        let mut bytes = sizes.bytes(&tile, per_triangle);
+        if self.cells.is_some() {
+            bytes += sizes.bytes_to_split();
+        }
+        let with_parts = |parts: &Sizes| bytes + parts.bytes_of_parts(per_triangle);
+        let mut most = bytes;
+        loop {
+            let made = self.workspaces.with(most, |workspace| {
+                let Workspace {
+                    mesher, mesh, held, ..
+                } = workspace;
+                let held = RefCell::new(held);
+                let fits = |parts: &Sizes| held.borrow_mut().grow_to(with_parts(parts)).is_ok();
+                let view = BandView {
+                    voxels: &band.voxels,
+                    bits: &band.known.bits,
+                    runs: &band.known.runs,
+                    class_of_run: &band.known.class_of_run,
+                    cells: self.cells.map(|_| CellsView {
+                        of_voxels: &band.cells,
+                        of_class: &band.cell_of_class,
+                        fits: &fits,
+                    }),
+                };
+                match mesher.mesh(&view, &tile, &settings, mesh) {
+                    Ok(true) => self.write_tile(band, grid, workspace).map(Some).map(Ok),
+                    Ok(false) => Ok(Ok(None)),
+                    Err(parts) => Ok(Err(parts)),
+                }
+            })?;
+            match made {
+                Ok(made) => return Ok(made),
+                // once more, when others have given back what they hold
+                Err(parts) => most = with_parts(&parts),
             }
-        })
+        }
     }
 
     /// Writes the workspace's mesh.

@@ -17,7 +17,8 @@ pub struct Workspace {
     pub mesh: TileMesh,
     /// Makes strips of it.
     pub stripifier: Stripifier,
-    held: MemoryReservation,
+    /// The memory of all this.
+    pub held: MemoryReservation,
 }
 
 /// Workspaces that wait for use.
