@@ -832,3 +832,28 @@ fn many_labels_in_a_tile_keep_the_limit_of_memory() {
     );
     assert!(said.contains("tiles that are made"), "{said}");
 }
+
+#[test]
+fn labels_lie_where_the_scan_does_whichever_way_the_world_runs() {
+    let dir = tempfile::tempdir().unwrap();
+    let here = dir.path();
+    let nrrd = |name: &str, space: &str, step: f64| {
+        let header = format!(
+            "NRRD0004\ntype: uchar\ndimension: 3\nsizes: 6 5 4\nspace: {space}\n\
+             space directions: ({step},0,0) (0,{step},0) (0,0,0.5)\nspace origin: ({step},{step},1)\nencoding: raw\n\n"
+        );
+        let samples = (0..120u8).map(|i| 1 + i % 6 / 3);
+        let bytes: Vec<u8> = header.bytes().chain(samples).collect();
+        std::fs::write(here.join(name), bytes).unwrap();
+    };
+    nrrd("scan.nrrd", "left-posterior-superior", 0.5);
+    nrrd("same.nrrd", "right-anterior-superior", -0.5);
+    nrrd("turned.nrrd", "right-anterior-superior", 0.5);
+    let convert = "convert scan.nrrd out --threshold 1.5 --quiet";
+    alvis(here, &format!("{convert} --labels same.nrrd"));
+    alvis(here, &format!("{convert} --force --roi mask:same.nrrd"));
+    let said = refusal(here, &format!("{convert} --force --labels turned.nrrd"));
+    assert!(said.contains("axes along"), "{said}");
+    let said = refusal(here, &format!("{convert} --force --roi mask:turned.nrrd"));
+    assert!(said.contains("axes along"), "{said}");
+}

@@ -183,7 +183,11 @@ impl InfoArgs {
         let dims = opened.volume.header().dims;
         let crop = self.crop.as_ref().map(|c| c.resolve(dims)).transpose()?;
         let region = &self.options.region;
-        let roi = region.find(&*opened.volume, crop.as_ref(), console)?;
+        let roi = region.find(
+            (&*opened.volume, opened.provenance.frame),
+            crop.as_ref(),
+            console,
+        )?;
         let doubts = roi.as_ref().map_or(&[][..], Roi::warnings);
         opened.warnings.extend_from_slice(doubts);
         let inside = roi.as_ref().map(|roi| &roi.voxels);

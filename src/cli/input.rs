@@ -3,6 +3,7 @@
 use super::sigbus;
 use crate::error::{Error, Result};
 use crate::grid::{Part, Placement, Provenance};
+use crate::progress::Progress;
 use crate::volume::{self, Before, Io, OpenOptions, Opened, Stamp, Volume, file_name};
 use std::path::Path;
 
@@ -69,6 +70,28 @@ impl Input<'_> {
             Input::Given(given) => given.open(options),
         }
     }
+}
+
+/// Opens a file that is given beside the input, with what tells any change to it from then on.
+///
+/// # Errors
+/// What `open` returns; [`Error::Io`].
+pub fn open_beside(path: &Path, open: impl FnOnce() -> Result<Opened>) -> Result<(Opened, Stamp)> {
+    let before = Before::of(path, Path::new(""));
+    let opened = open()?;
+    let stamp = volume::stamp(&before, &opened)?;
+    Ok((opened, stamp))
+}
+
+/// Warns if something about a file was changed while it was read.
+///
+/// # Errors
+/// [`Error::InputChanged`] if it was written to or exchanged.
+pub fn check_read(stamp: &Stamp, progress: &dyn Progress) -> Result<()> {
+    if let Some(warning) = stamp.check()? {
+        progress.warn(&warning);
+    }
+    Ok(())
 }
 
 impl Given {

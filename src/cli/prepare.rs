@@ -87,7 +87,7 @@ impl ConvertArgs {
         opened.doubt_size()?;
         let opened = self.options.filters.apply(opened)?;
         let mut options = self.of_opened(&opened, stamp)?;
-        let volume = &*opened.volume;
+        let (volume, frame) = (&*opened.volume, opened.provenance.frame);
         let region = &self.options.region;
         if let Purpose::Known(known) = purpose {
             options.threshold = known.threshold;
@@ -109,7 +109,7 @@ impl ConvertArgs {
                 _ => convert::check_before(volume, &options, in_region, out)?,
             }
         }
-        let roi = region.find(volume, options.crop.as_ref(), console)?;
+        let roi = region.find((volume, frame), options.crop.as_ref(), console)?;
         let doubts = roi
             .as_ref()
             .map_or(Vec::new(), |roi| roi.warnings().to_vec());
@@ -125,7 +125,7 @@ impl ConvertArgs {
             None => None,
         };
         options.labels = match &self.labels {
-            Some(path) => Some(read_labels(path, volume.header(), console)?),
+            Some(path) => Some(read_labels(path, (volume.header(), frame), console)?),
             None => None,
         };
         let understood = understood(&opened, &options, found, &how)?;

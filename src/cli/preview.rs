@@ -2,7 +2,7 @@
 
 use super::args::{Common, InputOptions};
 use super::chosen::ChosenArgs;
-use super::input::Input;
+use super::input::{Input, check_read};
 use super::progress::Console;
 use super::region::Roi;
 use super::threshold::{self, TAKES, Threshold, threshold};
@@ -13,7 +13,7 @@ use crate::manifest::Manifest;
 use crate::preview::{Axis, LabelVolume, PreviewOptions, preview};
 use crate::progress::Progress;
 use crate::transform::select::Map;
-use crate::volume::{RegionVoxels, Volume, fill_value};
+use crate::volume::{Opened, RegionVoxels, Volume, fill_value};
 use clap::{Args, ValueEnum, ValueHint};
 use std::path::{Path, PathBuf};
 
@@ -157,15 +157,15 @@ impl PreviewArgs {
     fn region(
         &self,
         manifest: Option<&Manifest>,
-        volume: &dyn Volume,
+        opened: &Opened,
         console: &Console,
     ) -> Result<(Option<RegionVoxels>, Option<Fill>)> {
-        let asked = &self.options.region;
+        let (asked, volume) = (&self.options.region, &*opened.volume);
         if let Some(manifest) = manifest {
             let region = asked.find_as(manifest, volume, "--tiles", console)?;
             return Ok((region, None));
         }
-        let roi = asked.find(volume, None, console)?;
+        let roi = asked.find((volume, opened.provenance.frame), None, console)?;
         let warnings = roi.as_ref().map_or(&[][..], Roi::warnings);
         warnings.iter().for_each(|w| console.warn(w));
         Ok(roi.map(|roi| (roi.voxels, roi.fill)).unzip())
@@ -191,7 +191,7 @@ impl PreviewArgs {
             None => self.options.filters.apply(opened)?,
         };
         let volume = &*opened.volume;
-        let (region, fill) = self.region(manifest.as_ref(), volume, &console)?;
+        let (region, fill) = self.region(manifest.as_ref(), &opened, &console)?;
         let inside = region.as_ref();
         let thresholds = threshold::all(&self.threshold, volume, inside, &self.input, &console)?;
         let fills = match (inside, fill) {
@@ -202,6 +202,7 @@ impl PreviewArgs {
             Some(path) => Some(labels::open(path, volume.header().dims)?),
             None => None,
         };
+        let (labels, labels_stamp) = labels.unzip();
         let options = PreviewOptions {
             labels: labels.map(|labels| LabelVolume(labels.volume.into())),
             names: self.names(),
@@ -222,6 +223,9 @@ impl PreviewArgs {
             input,
         };
         let report = preview(&*opened.volume, &self.png, &options)?;
+        if let Some(stamp) = &labels_stamp {
+            check_read(stamp, &console)?;
+        }
         report.warnings.iter().for_each(|w| console.warn(w));
         drop(console);
         if self.common.json {

@@ -1,14 +1,15 @@
 //! The options of the region of interest: the same for every command that reads a volume.
 
+use crate::cli::input::{check_read, open_beside};
 use crate::cli::same_place::{parts_of_other, same_place};
 use crate::convert::RegionOfInterest;
 use crate::error::{Error, Result};
-use crate::grid::{Crop, Cylinder, Dims, Dtype, Endian, Fill, Region, Shape};
+use crate::grid::{Crop, Cylinder, Dims, Dtype, Endian, Fill, Frame, Placement, Region, Shape};
 use crate::manifest::Manifest;
 use crate::progress::Progress;
 use crate::volume::{
-    self, FoundCylinder, Header, Headerless, OpenOptions, RegionVoxels, Volume, file_name,
-    fill_value, find_cylinder,
+    self, FoundCylinder, Headerless, OpenOptions, RegionVoxels, Volume, file_name, fill_value,
+    find_cylinder,
 };
 use crate::words::percent;
 use clap::{Args, ValueEnum};
@@ -130,7 +131,7 @@ impl RegionArgs {
     /// Those of [`find_cylinder`] and [`RegionVoxels::of_mask`], and of opening the mask.
     pub fn find(
         &self,
-        volume: &dyn Volume,
+        (volume, frame): (&dyn Volume, Frame),
         crop: Option<&Crop>,
         progress: &dyn Progress,
     ) -> Result<Option<Roi>> {
@@ -142,7 +143,10 @@ impl RegionArgs {
         };
         let mut found = None;
         let (shape, voxels) = match asked {
-            RegionArg::Mask(path) => read_mask(path, header, progress)?,
+            RegionArg::Mask(path) => {
+                let place = Some((&header.placement, frame));
+                read_mask(path, dims, place, progress)?
+            }
             RegionArg::Found => {
                 let cylinder = find_cylinder(volume, slices(dims, crop), progress)?;
                 let of = of_cylinder(cylinder.cylinder, dims)?;
@@ -183,7 +187,7 @@ impl RegionArgs {
         let header = volume.header();
         let voxels = match (&stated.shape, &self.roi) {
             (Shape::Mask { .. }, Some(RegionArg::Mask(path))) => {
-                let (found, voxels) = read_mask(path, header, progress)?;
+                let (found, voxels) = read_mask(path, header.dims, None, progress)?;
                 if found != stated.shape {
                     let expected = format!("the mask as it was: {}", stated.shape);
                     return Err(Error::usage("--roi", found.to_string(), expected));
@@ -248,7 +252,7 @@ impl RegionArgs {
                 RegionVoxels::cylinder(cylinder, dims).map(Some)
             }
             (Some(Shape::Mask { checksum, .. }), Some(RegionArg::Mask(path))) => {
-                let (found, voxels) = read_mask(path, volume.header(), progress)?;
+                let (found, voxels) = read_mask(path, dims, None, progress)?;
                 match found {
                     Shape::Mask { checksum: own, .. } if own == *checksum => Ok(Some(voxels)),
                     _ => Err(other(format!(
@@ -312,13 +316,13 @@ fn of_mask(error: Error, path: &Path, dims: Dims) -> Error {
     }
 }
 
-/// Opens and reads a mask for a volume of this size.
+/// Opens and reads a mask for a volume of this size, and in this place unless its checksum tells that it is the right one.
 fn read_mask(
     path: &Path,
-    header: &Header,
+    dims: Dims,
+    place: Option<(&Placement, Frame)>,
     progress: &dyn Progress,
 ) -> Result<(Shape, RegionVoxels)> {
-    let dims = header.dims;
     let options = OpenOptions {
         headerless: Some(Headerless {
             dims: dims.0.map(u64::from),
@@ -328,13 +332,15 @@ fn read_mask(
         }),
         ..OpenOptions::default()
     };
-    let opened = volume::open(path, &options).map_err(|e| of_mask(e, path, dims))?;
-    if dims == opened.volume.header().dims {
-        same_place("--roi", "the mask", path, &opened, &header.placement)?;
+    let opened = || volume::open(path, &options);
+    let (opened, stamp) = open_beside(path, opened).map_err(|e| of_mask(e, path, dims))?;
+    if let Some(place) = place.filter(|_| dims == opened.volume.header().dims) {
+        same_place("--roi", "the mask", path, &opened, place)?;
     }
     let mask = opened.volume;
     let kept_in = std::env::temp_dir();
     let (voxels, checksum) = RegionVoxels::of_mask(&*mask, dims, &kept_in, progress)?;
+    check_read(&stamp, progress)?;
     let file = file_name(path);
     Ok((Shape::Mask { file, checksum }, voxels))
 }

@@ -1,7 +1,7 @@
 //! Whether a file of voxels lies where the volume does to which it is given.
 
 use crate::error::{Error, Result};
-use crate::grid::{Origin, Placement, Unit};
+use crate::grid::{Frame, Origin, Placement, Unit};
 use crate::volume::Opened;
 use std::path::Path;
 
@@ -36,8 +36,22 @@ pub fn parts_of_other(error: Error, option: &str, what: &str, path: &Path) -> Er
     }
 }
 
+/// A placement in the world whose axes run as `frame` says, where both worlds are known: from one to the other, x and y
+/// turn round.
+fn in_frame(mut placement: Placement, own: Frame, frame: Frame) -> Placement {
+    let known = own != Frame::Unstated && frame != Frame::Unstated;
+    if known && own != frame {
+        let directions = placement.directions.iter_mut();
+        for vector in directions.chain([&mut placement.origin]) {
+            // subtracted, so that 0 does not become -0
+            vector[..2].iter_mut().for_each(|v| *v = 0.0 - *v);
+        }
+    }
+    placement
+}
+
 /// Refuses a file, given by an option, that states that it lies otherwise than the volume: voxel by voxel it would be of
-/// another place. What a file does not state is taken to be the volume's.
+/// another place. The volume has its placement and the world that this is in. What a file does not state is taken to be the volume's.
 ///
 /// # Errors
 /// [`Error::Usage`].
@@ -46,12 +60,12 @@ pub fn same_place(
     what: &str,
     path: &Path,
     file: &Opened,
-    volume: &Placement,
+    (volume, frame): (&Placement, Frame),
 ) -> Result<()> {
     /// Of a voxel, by how much places may differ: files round them.
     const OFF: f64 = 0.1;
     let stated = &file.provenance;
-    let own = file.volume.header().placement;
+    let own = in_frame(file.volume.header().placement, stated.frame, frame);
     let known = own.unit != Unit::Voxel && volume.unit != Unit::Voxel;
     let (true, Ok(own)) = (known, own.in_unit(volume.unit)) else {
         return Ok(());

@@ -2,14 +2,14 @@
 
 use super::against::{Asked, open_against};
 use super::args::{Common, InputOptions};
-use super::input::Input;
+use super::input::{Input, check_read};
 use super::progress::Console;
 use super::{Outcome, labels, output};
 use crate::error::{Error, Result};
 use crate::manifest::{Manifest, PARTIAL};
 use crate::progress::Progress;
 use crate::verify::{self, Issue, LabelVolume, Report, Severity, VerifyOptions};
-use crate::volume::{self, Opened, Volume};
+use crate::volume::{self, Opened, Stamp, Volume};
 use clap::{Args, ValueHint};
 use std::fmt::Write;
 use std::path::{Path, PathBuf};
@@ -85,7 +85,7 @@ impl VerifyArgs {
             None => None,
         };
         let given = self.labels.as_deref().map(|path| self.labels(path));
-        let given = given.transpose()?;
+        let (given, given_stamp) = given.transpose()?.unzip();
         let given_once = match &given {
             Some(given) => copied(given.volume.as_ref(), &std::env::temp_dir())?,
             None => None,
@@ -109,6 +109,9 @@ impl VerifyArgs {
         {
             console.warn(&warning);
         }
+        if let Some(stamp) = &given_stamp {
+            check_read(stamp, console)?;
+        }
         if self.out.join(PARTIAL).is_dir() {
             console.warn(&format!(
                 "{}: beside this set lies a conversion that is not finished ({PARTIAL}): the same `alvis convert` \
@@ -122,7 +125,7 @@ impl VerifyArgs {
 
 impl VerifyArgs {
     /// The labels, of a volume as large as that of the set was after its filters.
-    fn labels(&self, path: &Path) -> Result<Opened> {
+    fn labels(&self, path: &Path) -> Result<(Opened, Stamp)> {
         let dims = Manifest::open(&self.out)?.filtered_dims()?;
         labels::open(path, dims)
     }

@@ -17,7 +17,7 @@ pub use filter::{
     Filter, Filtered, MAX_FILTERS, Sigma, check_filters, filtered_dims, filtered_dtype,
     filters_text,
 };
-pub use provenance::{Origin, Part, Provenance};
+pub use provenance::{Frame, Origin, Part, Provenance};
 pub use region::{Cylinder, Fill, Region, Shape};
 
 use crate::error::{Error, Result};

@@ -40,6 +40,18 @@ pub enum Origin {
     Assumed,
 }
 
+/// Which way the world's axes run, where a file states it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Frame {
+    /// Not stated.
+    #[default]
+    Unstated,
+    /// To a patient's right, front and head.
+    Ras,
+    /// To the left, back and head.
+    Lps,
+}
+
 /// Where the placement's parts came from.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 pub struct Provenance {
@@ -49,4 +61,7 @@ pub struct Provenance {
     pub unit: Origin,
     /// Of `origin` and `directions`.
     pub origin: Origin,
+    /// The world that they are in; no index tells it.
+    #[serde(skip)]
+    pub frame: Frame,
 }

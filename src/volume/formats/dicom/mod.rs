@@ -26,7 +26,7 @@ mod tag;
 mod unplaced;
 
 use crate::error::{Error, Result};
-use crate::grid::{Dims, Origin, Provenance};
+use crate::grid::{Dims, Frame, Origin, Provenance};
 use crate::volume::adapters::resample::{Grid, SlicePlaces};
 use crate::volume::adapters::values::{Linear, Scale, Values};
 use crate::volume::descriptor::{Samples, VolumeDescriptor};
@@ -328,6 +328,7 @@ fn placed(
         spacing: [Origin::File; 3],
         unit: Origin::File,
         origin: Origin::File,
+        frame: Frame::Lps,
     };
     notes.extend(stack.note());
     let mut warnings: Vec<Warning> = in_time.into_iter().collect();

@@ -84,6 +84,7 @@ pub(crate) fn placement(
         spacing: [from(stated.spacing.is_some()); 3],
         unit: Origin::Default,
         origin: from(stated.origin.is_some()),
+        ..Provenance::default()
     };
     let mut grid = Placement::default();
     if let Some(spacing) = stated.spacing {

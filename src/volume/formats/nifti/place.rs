@@ -1,6 +1,6 @@
 //! Where a NIfTI image lies: sform, qform or spacing alone.
 
-use crate::grid::{Origin, Placement, Provenance, Unit};
+use crate::grid::{Frame, Origin, Placement, Provenance, Unit};
 use crate::volume::formats::nifti::Head;
 use crate::volume::stated::size::{Step, VoxelSize, voxel_size};
 use crate::volume::stated::warning::Warning;
@@ -48,6 +48,7 @@ impl Head<'_> {
                 place.directions = form.axes.map(|axis| (axis + DVec3::ZERO).into());
                 place.origin = form.origin;
                 (from.spacing, from.origin) = ([Origin::File; 3], Origin::File);
+                from.frame = Frame::Ras;
             }
             None => {
                 size.apply(&mut place, &mut from);

@@ -1,7 +1,7 @@
 //! The fields of a NRRD header that place it in space.
 
 use crate::error::{Error, Result};
-use crate::grid::{Origin, Placement, Provenance, Unit};
+use crate::grid::{Frame, Origin, Placement, Provenance, Unit};
 use crate::volume::formats::nrrd::Head;
 use crate::volume::io::text::{self, Field};
 use crate::volume::stated::size::{Step, VoxelSize, voxel_size};
@@ -78,6 +78,7 @@ impl Head<'_> {
                 place.placement.origin = origin;
                 place.provenance.spacing = [Origin::File; 3];
                 place.provenance.origin = Origin::File;
+                place.provenance.frame = self.frame();
             }
             Some(warning) => place.warnings.push(warning),
         }
@@ -217,6 +218,15 @@ impl Head<'_> {
             "lps",
         ];
         names.contains(&self.space().as_str())
+    }
+
+    /// Which way the axes of space run, when those of a left hand are turned.
+    fn frame(&self) -> Frame {
+        match self.space().as_str() {
+            "left-posterior-superior" | "lps" => Frame::Lps,
+            "right-anterior-superior" | "ras" | "left-anterior-superior" | "las" => Frame::Ras,
+            _ => Frame::Unstated,
+        }
     }
 
     /// True for the spaces whose axes are those of a left hand.

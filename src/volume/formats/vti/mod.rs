@@ -128,6 +128,7 @@ impl<'a> Head<'a> {
             spacing: [stated(spacing.is_some()); 3],
             unit: Origin::Default,
             origin: stated(origin.is_some()),
+            ..Provenance::default()
         };
         let mut place = Placement {
             spacing: spacing.unwrap_or([1.0; 3]),
