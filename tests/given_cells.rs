@@ -857,3 +857,27 @@ fn labels_lie_where_the_scan_does_whichever_way_the_world_runs() {
     let said = refusal(here, &format!("{convert} --force --roi mask:turned.nrrd"));
     assert!(said.contains("axes along"), "{said}");
 }
+
+#[test]
+fn large_ids_are_exported_whole_or_not_at_all() {
+    let dir = tempfile::tempdir().unwrap();
+    let here = dir.path();
+    std::fs::write(here.join("leaky.raw"), leaky([24, 20, 18])).unwrap();
+    for (largest, kind) in [(16_777_217u32, "int"), (3_000_000_000, "uint")] {
+        let label = |i: u32| largest - i % 24 / 12;
+        let labels: Vec<u8> = (0..8640).flat_map(|i| label(i).to_le_bytes()).collect();
+        std::fs::write(here.join("labels.npy"), npy("<u4", [24, 20, 18], &labels)).unwrap();
+        let convert =
+            "convert leaky.raw out --dims 24,20,18 --dtype u8 --threshold 128 --quiet --force";
+        alvis(here, &format!("{convert} --labels labels.npy"));
+        alvis(here, "export out out.ply --force");
+        let mesh = std::fs::read(here.join("out.ply")).unwrap();
+        let head = String::from_utf8_lossy(&mesh[..1000]);
+        assert!(head.contains(&format!("property {kind} cell\n")), "{head}");
+        // as floats they would be one
+        alvis(here, "export out out.glb --force");
+        let mesh = std::fs::read(here.join("out.glb")).unwrap();
+        let head = String::from_utf8_lossy(&mesh[..4096]);
+        assert!(!head.contains("_FEATURE_ID_0"), "{head}");
+    }
+}

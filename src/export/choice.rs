@@ -185,6 +185,23 @@ fn cells_of(surfaces: &IdSet, dir: &Path, manifest: &Manifest) -> Result<IdSet> 
     Ok(cells)
 }
 
+/// The largest id of a cell. Those that labels give are not without gaps.
+///
+/// # Errors
+/// What reading the table of cells returns.
+pub(super) fn largest_cell(dir: &Path, manifest: &Manifest) -> Result<u64> {
+    if !matches!(manifest.cells, Some(PartsBy::Labels { .. })) {
+        return Ok(whole(manifest).cells);
+    }
+    let mut table = Table::Cells.open(dir, manifest)?;
+    let id = table.own_column("id")?;
+    let mut largest = 0;
+    while let Some(row) = table.next_row()? {
+        largest = row.whole(id)?.max(largest);
+    }
+    Ok(largest)
+}
+
 /// What the ids in the tile set run up to.
 pub(super) fn whole(manifest: &Manifest) -> WholeTotals {
     let t = &manifest.totals;

@@ -43,17 +43,17 @@ impl Format {
         }
     }
 
-    /// The writer of this format.
-    pub(super) fn writer(self, manifest: &Manifest) -> Box<dyn Writer> {
+    /// The writer of this format, for ids of cells up to `largest_cell`.
+    pub(super) fn writer(self, manifest: &Manifest, largest_cell: u64) -> Box<dyn Writer> {
         let space = Space::new(&manifest.placement, manifest.grid.dims);
         let unit = manifest.placement.unit;
-        let whole = whole(manifest);
+        let objects = whole(manifest).objects;
         match self {
-            Format::Glb => Box::new(glb::Glb::new(manifest)),
+            Format::Glb => Box::new(glb::Glb::new(manifest, largest_cell)),
             Format::Ply => Box::new(ply::Ply {
                 space,
                 unit,
-                largest_id: whole.cells.max(whole.objects),
+                largest_id: largest_cell.max(objects),
             }),
             Format::Stl => Box::new(stl::Stl { space, unit }),
             Format::Obj => Box::new(obj::Obj { space, unit }),

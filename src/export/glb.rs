@@ -2,7 +2,6 @@
 //! triangles with 32-bit indices. Positions are voxel coordinates, exact, and lie beside their normal and
 //! the id of their cell (`_FEATURE_ID_0` of EXT_mesh_features; 0 for a cap) in one buffer view.
 
-use super::choice::whole;
 use super::format::{Coded, Counts, Writer, push_floats, too_large};
 use super::front::Numbers;
 use super::sheet::Sheet;
@@ -30,9 +29,9 @@ pub(super) struct Glb {
 }
 
 impl Glb {
-    /// The writer for a tile set.
-    pub fn new(manifest: &Manifest) -> Self {
-        let cells = whole(manifest).cells;
+    /// The writer for a tile set whose cells have ids up to `largest_cell`.
+    pub fn new(manifest: &Manifest, largest_cell: u64) -> Self {
+        let cells = largest_cell;
         Glb {
             matrix: manifest.transform,
             cells,

@@ -41,7 +41,7 @@ use crate::sys::process_memory::peak_rss_bytes;
 use crate::table::{Chosen, Table, warn_of_open, warn_of_outside};
 use crate::tileset::TileSet;
 use crate::words::things;
-use choice::Choice;
+use choice::{Choice, largest_cell};
 use format::{Coded, Counts, Writer};
 use front::{Front, Numbers};
 use plan::{Cost, Plan, wanted};
@@ -141,7 +141,7 @@ pub fn export(
         .map(|s| s.in_grid(&manifest.placement))
         .transpose()?;
     let choice = Choice::new(dir, manifest, &options.chosen)?;
-    let writer = format.writer(manifest);
+    let writer = format.writer(manifest, largest_cell(dir, manifest)?);
     let cost = Cost::new(&*writer, simplify.is_some());
     let plan = Plan::new(&set, &choice, &cost, options.memory)?;
     if plan.triangles == 0 {

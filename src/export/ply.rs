@@ -13,6 +13,8 @@ use std::fmt::Write;
 
 /// Bytes of a face: a count, three vertices, two ids.
 const FACE: usize = 21;
+/// Largest number of an int.
+const MOST: u64 = i32::MAX as u64;
 /// Digits of the largest count.
 const DIGITS: usize = 10;
 
@@ -44,10 +46,14 @@ impl Writer for Ply {
         for name in ["x", "y", "z"] {
             let _ = writeln!(text, "property {kind} {name}");
         }
+        let id = match self.largest_id > MOST {
+            true => "uint",
+            false => "int",
+        };
         let _ = write!(
             text,
             "property float nx\nproperty float ny\nproperty float nz\nelement face {triangles}\n\
-             property list uchar int vertex_indices\nproperty int cell\nproperty int object\n\
+             property list uchar int vertex_indices\nproperty {id} cell\nproperty {id} object\n\
              end_header\n"
         );
         text.into_bytes()
@@ -84,15 +90,18 @@ impl Writer for Ply {
     }
 
     fn check(&self, vertices: u64, triangles: u64) -> Result<()> {
-        const MOST: u64 = i32::MAX as u64;
-        if vertices.max(triangles).max(self.largest_id) <= MOST {
+        let ids_fit = self.largest_id <= u64::from(u32::MAX);
+        if vertices.max(triangles) <= MOST && ids_fit {
             return Ok(());
         }
         let found = format!(
             "{vertices} vertices, {triangles} triangles and ids up to {}",
             self.largest_id
         );
-        let expected = format!("numbers up to {MOST} in a PLY file");
+        let expected = format!(
+            "numbers up to {MOST}, and ids up to {}, in a PLY file",
+            u32::MAX
+        );
         Err(Error::usage("FILE", found, expected)
             .with_hint("choose cells with --where, simplify with --simplify, or write an .obj"))
     }
