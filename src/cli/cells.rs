@@ -80,7 +80,8 @@ Columns of openings (--necks):
   neck_radius           distance from the narrowest place on the widest way to the wall; with --split
   ratio                 that over the radius of the smaller cell, where they were cut from each other
   x, y, z               the narrowest place; with labels the middle of the faces that the cells share
-  neck_area             area of the opening
+  neck_area             area of the opening as seen along its mean direction: a flat one has all of it, a closed one,
+                        of a cell around another, has 0
 Columns of walls (--walls):
   cell_a, cell_b        the two cells
   wall_area             area of what lies between them
