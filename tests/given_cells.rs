@@ -881,3 +881,22 @@ fn large_ids_are_exported_whole_or_not_at_all() {
         assert!(!head.contains("_FEATURE_ID_0"), "{head}");
     }
 }
+
+#[test]
+fn what_labels_leave_without_a_meaning_is_refused_or_said() {
+    let dir = tempfile::tempdir().unwrap();
+    let here = dir.path();
+    std::fs::write(here.join("leaky.raw"), leaky([24, 20, 18])).unwrap();
+    std::fs::write(here.join("one.npy"), npy("|u1", [24, 20, 18], &[7; 8640])).unwrap();
+    let convert =
+        "convert leaky.raw out --dims 24,20,18 --dtype u8 --threshold 128 --labels one.npy";
+    for option in ["--split-h 1", "--split-min-radius 2"] {
+        let said = refusal(here, &format!("{convert} {option}"));
+        assert!(said.contains("--labels"), "{said}");
+    }
+    let made: serde_json::Value =
+        serde_json::from_str(&alvis(here, &format!("{convert} --json"))).unwrap();
+    assert_eq!(made["necks"], 0);
+    let said = refusal(here, "lod out");
+    assert!(said.contains("out: found cells"), "{said}");
+}

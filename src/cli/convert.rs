@@ -115,10 +115,10 @@ pub struct ConvertArgs {
     #[arg(long, value_name = "RATIO", num_args = 0..=1, default_missing_value = "0.8", allow_negative_numbers = true, value_parser = parse::ratio, conflicts_with = "labels")]
     split: Option<u32>,
     /// With --split: do not cut where the radius falls by less than this, in voxels of the finest axis; 1 for thin tubes
-    #[arg(long, value_name = "H", default_value = "0.5", allow_hyphen_values = true, value_parser = parse::voxels_256, requires = "split")]
+    #[arg(long, value_name = "H", default_value = "0.5", allow_hyphen_values = true, value_parser = parse::voxels_256, requires = "split", conflicts_with = "labels")]
     split_h: u32,
     /// With --split: what is thinner than this radius, in voxels of the finest axis, is no cell of its own
-    #[arg(long, value_name = "R", default_value = "0", allow_hyphen_values = true, value_parser = parse::voxels_256, requires = "split")]
+    #[arg(long, value_name = "R", default_value = "0", allow_hyphen_values = true, value_parser = parse::voxels_256, requires = "split", conflicts_with = "labels")]
     split_min_radius: u32,
     /// Also find the walls between cells: walls.csv, and how many neighbours each cell has and how thick its walls are
     ///
@@ -180,6 +180,9 @@ pub struct ConvertArgs {
 pub struct Printed<'a> {
     #[serde(flatten)]
     report: &'a ConvertReport,
+    /// 0 where cells are parts of components that touch nowhere: the totals leave it out.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    necks: Option<u64>,
     #[serde(skip_serializing_if = "Option::is_none")]
     lod: Option<&'a LodReport>,
 }
@@ -215,7 +218,12 @@ impl ConvertArgs {
         report: &'a ConvertReport,
         lod: Option<&'a LodReport>,
     ) -> Printed<'a> {
-        Printed { report, lod }
+        let totals = &report.totals;
+        Printed {
+            report,
+            necks: (totals.components > 0 && totals.necks == 0).then_some(0),
+            lod,
+        }
     }
 
     /// Adds levels of detail to the tile set in a directory, if they are asked for.

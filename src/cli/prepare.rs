@@ -65,9 +65,14 @@ impl ConvertArgs {
         ];
         match (given.into_iter().find(|(_, given)| *given), &self.out) {
             (None, Some(out)) => Ok(out),
+            (Some(("--labels", _)), _) => Err(Error::usage(
+                "--labels",
+                "it with a plan",
+                "none: parts of a plan find cells by themselves; `alvis convert` takes labels",
+            )),
             (option, _) => {
                 let option = option.map_or("OUT", |(option, _)| option);
-                let expected = "one volume and one directory, and cells that are components; levels of detail and \
+                let expected = "one volume and one directory; levels of detail and \
                                 views are made of the tile set when it is there";
                 Err(Error::usage(option, "it with a plan", expected))
             }

@@ -2,7 +2,7 @@
 
 use crate::grid::Dims;
 use crate::manifest::{Dust, PartsBy, Totals};
-use crate::words::exact;
+use crate::words::{exact, things};
 
 /// Share of the cells by which their number may differ between two ratios, a twentieth above and below the one that was asked
 /// for, without a word: with necks it hardly changes at all.
@@ -13,7 +13,8 @@ pub fn warnings_of_parts(parts: &PartsBy, cells: u64) -> Option<String> {
     match parts {
         PartsBy::Labels { unlabelled, .. } => unlabelled.map(|voxels| {
             format!(
-                "{voxels} voxels below the threshold have label 0: together they are one more cell, with the largest id"
+                "{} below the threshold with label 0: together one more cell, with the largest id",
+                things(voxels, "voxel")
             )
         }),
         PartsBy::Split {

@@ -105,20 +105,24 @@ pub fn lod(out: &Path, options: &LodOptions, progress: &dyn Progress) -> Result<
             return Ok(report(&levels, set.manifest(), start));
         }
         return Err(Error::usage(
-            "OUT",
+            out.display().to_string(),
             "levels of detail there already",
             "a tile set without them, or --force to make them anew",
         ));
     }
     if set.manifest().cells.is_some() {
         return Err(Error::usage(
-            "OUT",
+            out.display().to_string(),
             "cells that are parts of components",
             "a tile set made without --split and --labels: levels of such a set would gape where cells touch",
         ));
     }
     if set.manifest().totals.tiles == 0 {
-        return Err(Error::usage("OUT", "no tile", "a tile set with a surface"));
+        return Err(Error::usage(
+            out.display().to_string(),
+            "no tile",
+            "a tile set with a surface",
+        ));
     }
     let mut work = Work::open(out)?;
     // what had been interrupted while it was moved in is there now
@@ -136,7 +140,7 @@ pub fn lod(out: &Path, options: &LodOptions, progress: &dyn Progress) -> Result<
     };
     if super::interrupted(out) && !options.resume && !options.force {
         return Err(Error::usage(
-            "OUT",
+            out.display().to_string(),
             "levels of detail that were interrupted",
             "--resume to go on with them, or --force to begin anew",
         ));
