@@ -54,8 +54,7 @@ impl Meshing<'_> {
                     mesher, mesh, held, ..
                 } = workspace;
                 let held = RefCell::new(held);
-                let fits =
-                    |parts: &Sizes| held.borrow_mut().grow_to(with_parts(parts)).is_ok();
+                let fits = |parts: &Sizes| held.borrow_mut().grow_to(with_parts(parts)).is_ok();
                 let view = BandView {
                     voxels: &band.voxels,
                     bits: &band.known.bits,
