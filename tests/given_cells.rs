@@ -810,7 +810,7 @@ fn many_labels_in_a_tile_keep_the_limit_of_memory() {
         .flat_map(|i| label(i).to_le_bytes())
         .collect();
     std::fs::write(here.join("labels.npy"), npy("<u4", [n; 3], &labels)).unwrap();
-    let limit = 64;
+    let limit = 256;
     let made = alvis(
         here,
         &format!(
@@ -827,7 +827,7 @@ fn many_labels_in_a_tile_keep_the_limit_of_memory() {
         here,
         &format!(
             "convert noise.raw small --dims {n},{n},{n} --dtype u8 --threshold 128 --labels labels.npy --macrocube 48 \
-             --threads 1 --memory 44MiB"
+             --threads 1 --memory 64MiB"
         ),
     );
     assert!(said.contains("tiles that are made"), "{said}");
