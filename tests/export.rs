@@ -356,6 +356,56 @@ fn a_mesh_that_is_open_at_the_faces_comes_with_a_warning() {
     }
 }
 
+/// Two pores that are open to each other, and a crumb in the first: whatever surfaces are chosen, who exports a mesh that is
+/// open between pores is told so, and nobody else is.
+#[test]
+fn a_mesh_that_is_open_between_cells_comes_with_a_warning() {
+    let dims = [54, 30, 30];
+    let samples = common::volumes::samples(dims, |p| {
+        let [x, y, z] = p.map(f64::from);
+        let off = |cx: f64, cz: f64| {
+            let [dx, dy, dz] = [x - cx, y - 15.0, z - cz];
+            (dx * dx + dy * dy + dz * dz).sqrt()
+        };
+        let wall = off(17.0, 15.0).min(off(35.0, 15.0)) - 10.0;
+        let crumb = 1.6 - off(13.0, 9.0);
+        (128.0 + 40.0 * wall.max(crumb)).clamp(0.0, 255.0) as u8
+    });
+    let options = ConvertOptions {
+        macrocube: [16; 3],
+        split: Some(alvis::split::NeckRule::default()),
+        ..ConvertOptions::default()
+    };
+    let dir = tiles(&volume(dims, samples), options);
+    let totals = alvis::manifest::Manifest::open(dir.path()).unwrap().totals;
+    assert_eq!([totals.cells, totals.surfaces], [2, 3]);
+    let mut seen = [0; 2];
+    for chosen in 1u32..8 {
+        let ids = (1..=3).filter(|id| chosen >> (id - 1) & 1 == 1);
+        let ids: Vec<String> = ids.map(|id| format!("id == {id}")).collect();
+        for simplify in [None, Some(Simplify::Ratio(0.5))] {
+            let options = ExportOptions {
+                chosen: Chosen {
+                    table: Table::Surfaces,
+                    condition: Some(ids.join(" or ")),
+                    largest: None,
+                },
+                simplify,
+                ..ExportOptions::default()
+            };
+            let file = dir.path().join("a.ply");
+            let report = made(dir.path(), &file, &options);
+            let is_open = read(&file).edges().open > 0;
+            let told = report.warnings.iter();
+            let told = told.filter(|w| w.contains("is open at")).count();
+            assert_eq!(told, usize::from(is_open), "{ids:?}: {:?}", report.warnings);
+            seen[usize::from(is_open)] += 1;
+        }
+    }
+    // the crumb, all of them, and what is without it
+    assert_eq!(seen, [6, 8]);
+}
+
 /// Every piece belongs to one object and one surface, a cap to an object; the largest are those of the table.
 #[test]
 fn objects_and_surfaces_are_chosen_by_their_own_tables() {

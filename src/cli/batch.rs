@@ -243,8 +243,11 @@ fn convert_one(
 ) -> Row {
     let out = dir.join(&scan.name);
     let input = Input::Path(&scan.input);
-    let made = args.convert(input, &out, Again::Typed(typed), console);
-    let made = made.and_then(|_| args.levels(&out, console));
+    // what is told of several scans has to say of which
+    let name = one_line(&scan.input.display().to_string());
+    let console = Console::Scan(console, &name);
+    let made = args.convert(input, &out, Again::Typed(typed), &console);
+    let made = made.and_then(|_| args.levels(&out, &console));
     let facts = made.and_then(|_| {
         Facts::of(
             &out,

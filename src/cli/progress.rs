@@ -19,6 +19,8 @@ pub enum Console<'a> {
     Quiet,
     /// Hands all on to a program that called a command, which listens to signals itself.
     Handed(&'a dyn Progress),
+    /// Shows it of one of several scans, by its name.
+    Scan(&'a Console<'a>, &'a str),
     /// A bar for the current stage.
     Bars(Mutex<Option<ProgressBar>>),
     /// Plain lines.
@@ -82,6 +84,7 @@ impl Console<'_> {
     pub fn note(&self, line: &str) {
         match self {
             Console::Quiet | Console::Handed(_) => {}
+            Console::Scan(console, _) => console.note(line),
             Console::Bars(bar) => match &*lock(bar) {
                 Some(bar) => bar.suspend(|| note(line)),
                 None => note(line),
@@ -97,6 +100,7 @@ impl Console<'_> {
         match self {
             Console::Quiet => note(line),
             Console::Handed(progress) => progress.warn(line),
+            Console::Scan(console, name) => console.tell(&format!("{name}: {line}")),
             _ => self.note(line),
         }
     }
@@ -152,6 +156,7 @@ impl Progress for Console<'_> {
         match self {
             Console::Quiet => {}
             Console::Handed(progress) => progress.begin(stage, total),
+            Console::Scan(console, _) => console.begin(stage, total),
             Console::Bars(bar) => {
                 if let Some(old) = lock(bar).replace(new_bar(stage, total)) {
                     old.finish_and_clear();
@@ -165,6 +170,7 @@ impl Progress for Console<'_> {
         match self {
             Console::Quiet => {}
             Console::Handed(progress) => progress.advance(steps),
+            Console::Scan(console, _) => console.advance(steps),
             Console::Bars(bar) => {
                 if let Some(bar) = &*lock(bar) {
                     bar.inc(steps);
@@ -184,6 +190,9 @@ impl Progress for Console<'_> {
         if let Console::Handed(progress) = self {
             return progress.interrupted();
         }
+        if let Console::Scan(console, _) = self {
+            return console.interrupted();
+        }
         let asked = stop::is_asked();
         if asked && !TOLD.swap(true, Ordering::Relaxed) {
             self.note("stopping at the next safe place; a second Ctrl-C ends at once");
@@ -195,6 +204,7 @@ impl Progress for Console<'_> {
     fn warn(&self, message: &str) {
         match self {
             Console::Handed(progress) => progress.warn(message),
+            Console::Scan(console, name) => console.warn(&format!("{name}: {message}")),
             _ => self.tell(&format!("warning: {message}")),
         }
     }

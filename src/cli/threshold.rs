@@ -113,7 +113,7 @@ pub fn missed(found: &Statistics, method: ThresholdMethod, value: f64) -> Option
 /// [`Error::Usage`] if it finds none.
 pub fn of(found: &Statistics, method: ThresholdMethod, path: &Path) -> Result<f64> {
     found.threshold(method).ok_or_else(|| {
-        let why = method.why_none();
+        let why = found.why_none(method);
         Error::usage(
             "--threshold",
             format!("{method}, but in {} {why}", path.display()),

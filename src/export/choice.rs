@@ -126,21 +126,24 @@ impl Choice {
         self.0.is_none()
     }
 
-    /// Openings at which cells that are exported end, for the cell on the other side is not: the mesh is open there.
+    /// Openings at which cells that are exported end, for the cell on the other side is not; `None` if objects were chosen, or
+    /// some surfaces of a cell and others not.
     ///
     /// # Errors
     /// As of [`Choice::new`].
-    pub fn open_necks(&self, dir: &Path, manifest: &Manifest) -> Result<u64> {
+    pub fn open_necks(&self, dir: &Path, manifest: &Manifest) -> Result<Option<u64>> {
         let Some(path) = &manifest.tables.necks else {
-            return Ok(0);
+            return Ok(None);
         };
         let cells = match &self.0 {
             None => None,
             Some(part) => match part.table {
-                // whatever cells an object borders
-                Table::Objects => None,
+                Table::Objects => return Ok(None),
                 Table::Cells => Some(part.ids.clone()),
-                Table::Surfaces => Some(cells_of(&part.ids, dir, manifest)?),
+                Table::Surfaces => match whole_cells(&part.ids, dir, manifest)? {
+                    None => return Ok(None),
+                    cells => cells,
+                },
             },
         };
         let keeps = |cell: u64| cells.as_ref().is_none_or(|cells| cells.contains(cell));
@@ -161,7 +164,7 @@ impl Choice {
                 open = open.saturating_sub(2);
             }
         }
-        Ok(open)
+        Ok(Some(open))
     }
 
     /// Vertices that will be exported, those of caps not counted if it is a part.
@@ -172,17 +175,17 @@ impl Choice {
     }
 }
 
-/// The cells that surfaces are of.
-fn cells_of(surfaces: &IdSet, dir: &Path, manifest: &Manifest) -> Result<IdSet> {
+/// The cells that surfaces are of; `None` if these have others, too.
+fn whole_cells(surfaces: &IdSet, dir: &Path, manifest: &Manifest) -> Result<Option<IdSet>> {
     let mut table = Table::Surfaces.open(dir, manifest)?;
     let [id, cell] = [table.own_column("id")?, table.own_column("cell")?];
-    let mut cells = IdSet::default();
+    let [mut kept, mut left] = [IdSet::default(), IdSet::default()];
     while let Some(row) = table.next_row()? {
-        if surfaces.contains(row.whole(id)?) {
-            cells.insert(row.whole(cell)?);
-        }
+        let keep = surfaces.contains(row.whole(id)?);
+        let cells = if keep { &mut kept } else { &mut left };
+        cells.insert(row.whole(cell)?);
     }
-    Ok(cells)
+    Ok((!kept.meets(&left)).then_some(kept))
 }
 
 /// The largest id of a cell. Those that labels give are not without gaps.

@@ -19,6 +19,7 @@
 mod choice;
 mod format;
 mod front;
+mod gaps;
 mod glb;
 mod obj;
 mod plan;
@@ -35,7 +36,7 @@ pub use simplify::Simplify;
 
 use crate::error::{Error, Result};
 use crate::grid::Unit;
-use crate::manifest::{MANIFEST, TileEntry, batch};
+use crate::manifest::{MANIFEST, Manifest, TileEntry, batch};
 use crate::progress::Progress;
 use crate::sys::process_memory::peak_rss_bytes;
 use crate::table::{Chosen, Table, warn_of_open, warn_of_outside};
@@ -44,6 +45,7 @@ use crate::words::things;
 use choice::{Choice, largest_cell};
 use format::{Coded, Counts, Writer};
 use front::{Front, Numbers};
+use gaps::Gaps;
 use plan::{Cost, Plan, wanted};
 use rayon::prelude::*;
 use serde::Serialize;
@@ -158,13 +160,14 @@ pub fn export(
         progress,
         force: options.force,
     };
-    let (counts, simplified, bytes) = run.write(file, &plan, &cost)?;
-    let outside = warn_of_outside(dir, manifest, &options.chosen, false)?;
-    let open = warn_of_open(dir, manifest, &options.chosen, choice.has_caps(manifest))?;
-    let necks = gaping(choice.open_necks(dir, manifest)?);
-    let warnings = writer.warning().into_iter().chain(outside).chain(open);
-    let warnings = warnings.chain(necks);
-    let warnings: Vec<String> = warnings.collect();
+    let Written {
+        counts,
+        error,
+        gaps,
+        bytes,
+    } = run.write(file, &plan, &cost)?;
+    let mut warnings: Vec<String> = writer.warning().into_iter().collect();
+    warnings.extend(warned(dir, manifest, &options.chosen, &choice, gaps)?);
     warnings.iter().for_each(|w| progress.warn(w));
     Ok(ExportReport {
         format,
@@ -173,7 +176,7 @@ pub fn export(
         triangles: counts.triangles,
         vertices: writer.sewn().then_some(counts.vertices),
         triangles_before: simplify.is_some().then_some(plan.triangles),
-        error: simplify.is_some().then_some(simplified),
+        error: simplify.is_some().then_some(error),
         bytes,
         seconds: started.elapsed().as_secs_f64(),
         peak_rss_bytes: peak_rss_bytes(),
@@ -181,14 +184,42 @@ pub fn export(
     })
 }
 
-/// What a user should know of a mesh that ends at openings between cells.
-fn gaping(necks: u64) -> Option<String> {
-    (necks > 0).then(|| {
-        format!(
+/// What a user should know of what was chosen, and where its mesh is open.
+fn warned(
+    dir: &Path,
+    manifest: &Manifest,
+    chosen: &Chosen,
+    choice: &Choice,
+    gaps: Gaps,
+) -> Result<Vec<String>> {
+    let mut warnings: Vec<String> = Vec::new();
+    warnings.extend(warn_of_outside(dir, manifest, chosen, false)?);
+    if gaps.are_at_faces() {
+        warnings.extend(warn_of_open(
+            dir,
+            manifest,
+            chosen,
+            choice.has_caps(manifest),
+        )?);
+    }
+    if gaps.are_inside() {
+        warnings.push(gaping(choice.open_necks(dir, manifest)?));
+    }
+    Ok(warnings)
+}
+
+/// What a user should know of a mesh that ends elsewhere than at the faces of the volume: at so many openings of its cells, if
+/// it is one of cells.
+fn gaping(necks: Option<u64>) -> String {
+    match necks.filter(|n| *n > 0) {
+        Some(n) => format!(
             "the mesh is open at {}, where its cells touch cells that are not in it (necks.csv tells which)",
-            things(necks, "opening")
-        )
-    })
+            things(n, "opening")
+        ),
+        None => "the mesh is open at openings between cells, since the surface goes on there with that of a cell that is not \
+                 in it"
+            .to_owned(),
+    }
 }
 
 /// What is chosen has no surface; `share` is how many rows are of how many, if not all are.
@@ -222,9 +253,18 @@ struct Run<'a> {
     force: bool,
 }
 
+/// What came into the file.
+struct Written {
+    counts: Counts,
+    /// The largest of simplification.
+    error: f64,
+    gaps: Gaps,
+    bytes: u64,
+}
+
 impl Run<'_> {
-    /// Writes the file; returns what is in it, the largest error of simplification, and its bytes.
-    fn write(&self, file: &Path, plan: &Plan, cost: &Cost) -> Result<(Counts, f64, u64)> {
+    /// Writes the file.
+    fn write(&self, file: &Path, plan: &Plan, cost: &Cost) -> Result<Written> {
         self.progress.begin("export", plan.tiles);
         let mut sink = Sink::create(file, self.writer, self.force)?;
         let mut front = Front::new(crate::sys::atomic_file::directory(file));
@@ -233,6 +273,7 @@ impl Run<'_> {
             ..Counts::default()
         };
         let mut error = 0.0f64;
+        let mut gaps = Gaps::default();
         let tiles = self.set.tiles();
         let mut tiles = tiles
             .filter(|t| !matches!(t, Ok(entry) if !wanted(self.choice, entry)))
@@ -245,6 +286,7 @@ impl Run<'_> {
             }
             for (sheet, coded) in self.code(&batch, &mut front)? {
                 counts.add(&sheet);
+                gaps.add(sheet.gaps);
                 error = error.max(sheet.simplified.error);
                 sink.push(&coded)?;
             }
@@ -257,7 +299,12 @@ impl Run<'_> {
         }
         self.check(&counts, plan)?;
         let bytes = sink.finish(&self.writer.head(&counts))?;
-        Ok((counts, error, bytes))
+        Ok(Written {
+            counts,
+            error,
+            gaps,
+            bytes,
+        })
     }
 
     /// Reads tiles, numbers their vertices in order, and makes them ready to be written.

@@ -1,6 +1,7 @@
 //! The kept surface of one tile, each vertex once, with what its neighbours need to sew it on.
 
 use super::choice::Choice;
+use super::gaps::Gaps;
 use super::simplify::{self, InGrid, Simplified};
 use crate::error::{Error, Result};
 use crate::grid::{LATTICE, Tiling};
@@ -34,6 +35,8 @@ pub(super) struct Sheet {
     pub upper: [Vec<PlaneVertex>; 3],
     /// What simplification did.
     pub simplified: Simplified,
+    /// Edges without a mate.
+    pub gaps: Gaps,
 }
 
 /// A piece of a sheet.
@@ -106,6 +109,16 @@ impl Region {
     pub fn on_upper(&self, p: [i32; 3]) -> bool {
         (0..3).any(|a| self.after[a] && p[a] == self.high[a])
     }
+
+    /// True if two vertices lie on the same face of the volume.
+    pub fn on_face(&self, p: [i32; 3], q: [i32; 3]) -> bool {
+        (0..3).any(|a| {
+            let is_face = |v: i32| {
+                (!self.before[a] && v == self.low[a]) || (!self.after[a] && v == self.high[a])
+            };
+            p[a] == q[a] && is_face(p[a])
+        })
+    }
 }
 
 /// The place of a point in a plane across `axis`, caps included.
@@ -152,6 +165,7 @@ impl Sheet {
             sheet.add(piece, points, &mut joined);
         }
         sheet.find_planes(&region);
+        sheet.gaps = Gaps::of(&sheet, &region);
         Ok(sheet)
     }
 

@@ -473,3 +473,27 @@ fn names_are_no_formulas_and_every_scan_is_a_line() {
     ok(dir, &again);
     assert_eq!(text(), before);
 }
+
+/// What is told of several scans says of which.
+#[test]
+fn warnings_name_their_scan() {
+    let dir = temp();
+    let dir = dir.path();
+    let mut samples = vec![20u8; 20 * 20 * 20];
+    samples[3000..4000].fill(200);
+    for name in ["a.raw", "b.raw"] {
+        std::fs::write(dir.join(name), &samples).unwrap();
+    }
+    let line =
+        "convert a.raw b.raw --out-dir all --dims 20,20,20 --dtype u8 --threshold porosity=50%";
+    for more in [&[][..], &["--force", "--quiet"]] {
+        let output = alvis(dir, &[&words(line)[..], more].concat());
+        let errors = stderr(&output);
+        assert_eq!(output.status.code(), Some(0), "{errors}");
+        for name in ["a.raw", "b.raw"] {
+            let head = format!("warning: {name}: porosity=50% is not to be had");
+            let told = errors.lines().filter(|l| l.starts_with(&head)).count();
+            assert_eq!(told, 1, "{errors}");
+        }
+    }
+}

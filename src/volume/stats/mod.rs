@@ -1,5 +1,6 @@
 //! Passes over a volume: range, histogram, thresholds, and how large a surface will be.
 
+mod columns;
 pub(crate) mod cylinder;
 pub(crate) mod estimate;
 pub(crate) mod fill_value;

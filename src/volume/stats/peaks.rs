@@ -1,19 +1,8 @@
 //! The two peaks of a histogram.
 
-use crate::volume::filters::gaussian_kernel;
+use crate::volume::stats::columns::{LEAST_TEETH, Peak, Seen, prominences, smoothed};
 use crate::volume::stats::histogram::Levels;
-use std::ops::Range;
 
-/// Columns that the histogram is seen in: fine enough for a threshold, coarse enough to be smooth.
-const COLUMNS: usize = 256;
-/// The standard deviation of the smoothing, in columns of 256.
-const SIGMA: f64 = 2.0;
-/// The same in columns of any number where gaps of whole levels are not equally wide.
-const LEAST_SIGMA: f64 = 1.5;
-/// The share of samples at either end that does not widen the view: single voxels far outside of all others.
-const STRAY: f64 = 1e-4;
-/// Levels that make a histogram with gaps; fewer are values of their own, as those of a mask.
-const LEAST_TEETH: usize = 16;
 /// How much of its height a peak has to stand out from the valley beside it.
 const LEAST_PROMINENCE: f64 = 0.1;
 /// The same in standard deviations of a count of its height, so that ripples of noise are none.
@@ -31,8 +20,8 @@ const LEAST_REST: f64 = 0.2;
 /// The two peaks of a histogram.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Peaks {
-    /// Their values, rising.
-    pub(crate) values: [f64; 2],
+    /// Their values, rising; `None` if there is only one.
+    pub(crate) values: Option<[f64; 2]>,
     /// Spikes at the ends of the range that would have been peaks.
     pub(crate) clipped: Vec<Spike>,
 }
@@ -46,53 +35,65 @@ pub(crate) struct Spike {
     pub(crate) samples: u64,
 }
 
-/// The values of the tallest peak and of the one beside it that stands out most, by rising value; `None` if there is
-/// only one.
+/// The values of the tallest peak and of the one beside it that stands out most.
 ///
 /// The histogram is seen in 256 columns and smoothed; the prominence of a peak is its height above the higher of the
 /// valleys that part it from taller ones, and is compared with the square root of the height, as counts scatter.
 ///
 /// A single value at an end of the range that is far more frequent than all near it is what a detector or a program
-/// clipped or filled, and no peak, if there are two others inside of the range.
-pub(crate) fn two_peaks(levels: &Levels) -> Option<Peaks> {
-    let all = peaks_of(levels).map(|seen| seen.values);
+/// clipped or filled, and no peak: with a single peak inside of the range there are no two.
+pub(crate) fn two_peaks(levels: &Levels) -> Peaks {
+    let all = SeenPeaks::of(levels).and_then(|seen| seen.both());
     let [first, last] = spikes(levels);
     let without = [vec![last, first], vec![last], vec![first]].into_iter();
-    for spikes in without.filter_map(|ends| ends.into_iter().collect::<Option<Vec<usize>>>()) {
+    let without = without.filter_map(|ends| ends.into_iter().collect::<Option<Vec<usize>>>());
+    let mut lone = None;
+    for spikes in without {
         let mut rest = levels.clone();
         spikes.iter().for_each(|&i| rest.counts[i] = 0);
         let [of_rest, of_all] = [&rest, levels].map(|l| l.counts.iter().sum::<u64>() as f64);
-        let Some(seen) = peaks_of(&rest).filter(|_| of_rest >= LEAST_REST * of_all) else {
+        let Some(seen) = SeenPeaks::of(&rest).filter(|_| of_rest >= LEAST_REST * of_all) else {
             continue;
         };
         // a heap that only rises towards the spike belongs to it
         let ends = [first, last].map(|end| end.is_some_and(|end| spikes.contains(&end)));
-        if (ends[0] && seen.at_ends[0]) || (ends[1] && seen.at_ends[1]) {
+        let at_ends = seen.at_ends();
+        if (ends[0] && at_ends[0]) || (ends[1] && at_ends[1]) {
             continue;
         }
+        let clipped = || {
+            let clipped = spikes.iter().map(|&i| Spike {
+                end: usize::from(Some(i) == last),
+                samples: levels.counts[i],
+            });
+            clipped.collect()
+        };
+        let Some(values) = seen.both() else {
+            // one at an end is as a spike is, and none of the two may be told from the other
+            if !at_ends.contains(&true) {
+                lone = lone.or_else(|| Some(clipped()));
+            }
+            continue;
+        };
         let same = |all: [f64; 2]| {
-            let off = |i: usize| (all[i] - seen.values[i]).abs();
+            let off = |i: usize| (all[i] - values[i]).abs();
             off(0).max(off(1)) <= 3.0 * seen.width
         };
-        let clipped = spikes.iter().map(|&i| Spike {
-            end: usize::from(Some(i) == last),
-            samples: levels.counts[i],
-        });
-        return Some(match all.filter(|all| same(*all)) {
-            Some(values) => Peaks {
-                values,
+        return match all.filter(|all| same(*all)) {
+            Some(_) => Peaks {
+                values: all,
                 clipped: Vec::new(),
             },
             None => Peaks {
-                values: seen.values,
-                clipped: clipped.collect(),
+                values: Some(values),
+                clipped: clipped(),
             },
-        });
+        };
     }
-    all.map(|values| Peaks {
-        values,
-        clipped: Vec::new(),
-    })
+    Peaks {
+        values: all.filter(|_| lone.is_none()),
+        clipped: lone.unwrap_or_default(),
+    }
 }
 
 /// The first and the last level that occurs, where that is a spike.
@@ -120,186 +121,61 @@ fn spikes(levels: &Levels) -> [Option<usize>; 2] {
     ]
 }
 
-/// The two peaks as they are seen.
+/// The peaks as they are seen.
 struct SeenPeaks {
-    values: [f64; 2],
-    /// The lower one is the first column that is seen, the upper one the last.
-    at_ends: [bool; 2],
-    /// The width of a column.
-    width: f64,
-}
-
-fn peaks_of(levels: &Levels) -> Option<SeenPeaks> {
-    let seen = Seen::of(levels)?;
-    let heights = smoothed(&seen.heights, seen.sigma);
-    let peaks = prominences(&heights);
-    let significance = |p: &Peak| p.prominence / (p.height + 1.0).sqrt();
-    let tallest = peaks
-        .iter()
-        .max_by(|a, b| a.prominence.total_cmp(&b.prominence))?;
-    let second = peaks
-        .iter()
-        .filter(|p| p.column != tallest.column)
-        .filter(|p| {
-            p.prominence >= LEAST_PROMINENCE * p.height && significance(p) >= LEAST_SIGNIFICANCE
-        })
-        .max_by(|a, b| significance(a).total_cmp(&significance(b)))?;
-    let mut columns = [tallest.column, second.column];
-    columns.sort_unstable();
-    Some(SeenPeaks {
-        values: columns.map(|column| seen.low + seen.width * column as f64),
-        at_ends: [columns[0] == 0, columns[1] + 1 == heights.len()],
-        width: seen.width,
-    })
-}
-
-/// The histogram in columns.
-struct Seen {
+    /// The columns of the tallest one and, if there is one, of that beside it, rising.
+    columns: Vec<usize>,
     /// The value in the middle of column 0.
     low: f64,
-    /// The distance of the middles.
+    /// The width of a column.
     width: f64,
-    /// Samples in a column.
-    heights: Vec<f64>,
-    /// The standard deviation of the smoothing, in columns.
-    sigma: f64,
+    /// The last column.
+    last: usize,
 }
 
-/// Counts as they are spread over the levels around them, so that a histogram with regular gaps, as of samples of few
-/// bits that were stretched, has no peak at each of its teeth.
-struct Spread {
-    /// Where the samples of the levels that occur begin and end, level i reaching from i to i + 1, and how many.
-    teeth: Vec<(Range<f64>, f64)>,
-    /// Some levels between them do not occur.
-    has_gaps: bool,
-}
-
-impl Spread {
-    /// Samples reach half-way to the next level that occurs, if that is no farther than is usual.
-    fn of(counts: &[u64]) -> Spread {
-        let occupied: Vec<usize> = (0..counts.len()).filter(|&i| counts[i] > 0).collect();
-        let mut gaps: Vec<usize> = occupied.windows(2).map(|pair| pair[1] - pair[0]).collect();
-        gaps.sort_unstable();
-        let has_gaps = occupied.len() >= LEAST_TEETH && gaps.last().is_some_and(|&gap| gap > 1);
-        // no farther than to the next one as a rule: beyond that there is nothing
-        let most = match has_gaps {
-            true => gaps[gaps.len() / 2] as f64,
-            false => 0.5,
-        };
-        let reach = |gap: Option<usize>| gap.map_or(0.5, |gap| (gap as f64 / 2.0).min(most));
-        let teeth = occupied.iter().enumerate().map(|(k, &i)| {
-            let before = k.checked_sub(1).map(|k| i - occupied[k]);
-            let after = occupied.get(k + 1).map(|next| next - i);
-            let middle = i as f64 + 0.5;
-            (
-                middle - reach(before)..middle + reach(after),
-                counts[i] as f64,
-            )
-        });
-        Spread {
-            teeth: teeth.collect(),
-            has_gaps,
-        }
-    }
-
-    /// Samples in a range.
-    fn sum(&self, range: Range<f64>) -> f64 {
-        let first = self
-            .teeth
-            .partition_point(|(tooth, _)| tooth.end <= range.start);
-        let inside = self.teeth[first..]
+impl SeenPeaks {
+    /// `None` if no value occurs.
+    fn of(levels: &Levels) -> Option<Self> {
+        let seen = Seen::of(levels)?;
+        let heights = smoothed(&seen.heights, seen.sigma);
+        let peaks = prominences(&heights);
+        let significance = |p: &Peak| p.prominence / (p.height + 1.0).sqrt();
+        let tallest = peaks
             .iter()
-            .take_while(|(tooth, _)| tooth.start < range.end);
-        let share = |tooth: &Range<f64>| {
-            let both = tooth.end.min(range.end) - tooth.start.max(range.start);
-            both / (tooth.end - tooth.start)
-        };
-        inside.map(|(tooth, count)| count * share(tooth)).sum()
-    }
-}
-
-impl Seen {
-    fn of(levels: &Levels) -> Option<Seen> {
-        let seen = levels.without_ends(STRAY)?;
-        let first = *seen.start();
-        let inside = levels.counts.get(seen)?;
-        let columns = COLUMNS.min(inside.len());
-        let per = inside.len() as f64 / columns as f64;
-        let spread = Spread::of(inside);
-        let heights = (0..columns).map(|c| spread.sum(c as f64 * per..(c + 1) as f64 * per));
-        let step = levels.width * per;
-        let start = levels.low + levels.width * first as f64;
-        // a level lies in the middle of its own width, a bin begins at its edge
-        let edge = if levels.exact {
-            start - levels.width / 2.0
-        } else {
-            start
-        };
-        let least = if spread.has_gaps { LEAST_SIGMA } else { 0.0 };
-        Some(Seen {
-            low: edge + step / 2.0,
-            width: step,
-            heights: heights.collect(),
-            sigma: (SIGMA * columns as f64 / COLUMNS as f64).max(least),
+            .max_by(|a, b| a.prominence.total_cmp(&b.prominence))?;
+        let second = peaks
+            .iter()
+            .filter(|p| p.column != tallest.column)
+            .filter(|p| {
+                p.prominence >= LEAST_PROMINENCE * p.height && significance(p) >= LEAST_SIGNIFICANCE
+            })
+            .max_by(|a, b| significance(a).total_cmp(&significance(b)));
+        let both = [Some(tallest), second].into_iter().flatten();
+        let mut columns: Vec<usize> = both.map(|peak| peak.column).collect();
+        columns.sort_unstable();
+        Some(SeenPeaks {
+            columns,
+            low: seen.low,
+            width: seen.width,
+            last: heights.len() - 1,
         })
     }
-}
 
-/// Smoothed by a Gaussian; ends are continued.
-fn smoothed(heights: &[f64], sigma: f64) -> Vec<f64> {
-    let weights: Vec<f64> = gaussian_kernel::weights(sigma);
-    let last = heights.len() - 1;
-    let pair = |i: usize, d: usize| heights[i.saturating_sub(d)] + heights[(i + d).min(last)];
-    let tails = |i: usize| (1..weights.len()).map(move |d| (i, d));
-    (0..heights.len())
-        .map(|i| {
-            weights[0] * heights[i] + tails(i).map(|(i, d)| weights[d] * pair(i, d)).sum::<f64>()
-        })
-        .collect()
-}
-
-/// A column that is taller than its neighbours.
-#[derive(Debug, Clone, Copy, PartialEq)]
-struct Peak {
-    column: usize,
-    height: f64,
-    prominence: f64,
-}
-
-/// All peaks. Of a plateau the first column counts; the tallest peak stands out by all of its height.
-fn prominences(heights: &[f64]) -> Vec<Peak> {
-    // true if column b is a taller one than a
-    let taller = |a: usize, b: usize| heights[b] > heights[a] || heights[b] == heights[a] && b < a;
-    let is_peak = |&i: &usize| {
-        (i == 0 || taller(i - 1, i))
-            && (i + 1 == heights.len() || taller(i + 1, i))
-            && heights[i] > 0.0
-    };
-    // the lowest column on the way to a taller one
-    let valley = |from: usize, way: &mut dyn Iterator<Item = usize>| {
-        let mut lowest = heights[from];
-        for i in way {
-            if taller(from, i) {
-                return Some(lowest);
-            }
-            lowest = lowest.min(heights[i]);
-        }
-        None
-    };
-    let peaks = (0..heights.len()).filter(is_peak).map(|i| {
-        let left = valley(i, &mut (0..i).rev());
-        let right = valley(i, &mut (i + 1..heights.len()));
-        let base = match (left, right) {
-            (Some(a), Some(b)) => a.max(b),
-            (a, b) => a.or(b).unwrap_or(0.0),
+    /// The values of two.
+    fn both(&self) -> Option<[f64; 2]> {
+        let [a, b] = self.columns[..] else {
+            return None;
         };
-        Peak {
-            column: i,
-            height: heights[i],
-            prominence: heights[i] - base,
-        }
-    });
-    peaks.collect()
+        Some([a, b].map(|column| self.low + self.width * column as f64))
+    }
+
+    /// The lowest one is the first column that is seen, the highest one the last.
+    fn at_ends(&self) -> [bool; 2] {
+        [
+            self.columns.first() == Some(&0),
+            self.columns.last() == Some(&self.last),
+        ]
+    }
 }
 
 #[cfg(test)]
@@ -317,7 +193,7 @@ mod tests {
     }
 
     fn values(levels: &Levels) -> Option<[f64; 2]> {
-        two_peaks(levels).map(|peaks| peaks.values)
+        two_peaks(levels).values
     }
 
     /// Counts of a sum of bells: centre, standard deviation, samples.
@@ -384,35 +260,60 @@ mod tests {
         ] {
             let mut clipped = counts.clone();
             ends.iter().for_each(|(at, n)| clipped[*at] += n);
-            let found = two_peaks(&levels(true, 0.0, 1.0, clipped)).unwrap();
+            let found = two_peaks(&levels(true, 0.0, 1.0, clipped));
             assert_eq!(found.clipped, saturated);
-            let off = |i: usize| (found.values[i] - plain[i]).abs();
+            let off = |i: usize| (found.values.unwrap()[i] - plain[i]).abs();
             assert!(off(0) < 2.0 && off(1) < 2.0, "{found:?}");
         }
         // of 16 bits
         let mut wide = bells(65_536, &[[9000.0, 1500.0, 5e7], [40_000.0, 2500.0, 5e6]]);
         wide[65_535] = 4_000_000;
-        let found = two_peaks(&levels(true, 0.0, 1.0, wide)).unwrap();
+        let found = two_peaks(&levels(true, 0.0, 1.0, wide));
         assert_eq!(found.clipped, [spike(1, 4_000_000)]);
-        assert!((found.values[1] - 40_000.0).abs() < 600.0, "{found:?}");
+        assert!(
+            (found.values.unwrap()[1] - 40_000.0).abs() < 600.0,
+            "{found:?}"
+        );
         // air whose noise was cut off below 0 is a material
         let mut air = bells(256, &[[0.0, 6.0, 1e6], [150.0, 12.0, 3e5]]);
         air[0] += 500_000;
-        let found = two_peaks(&levels(true, 0.0, 1.0, air.clone())).unwrap();
+        let found = two_peaks(&levels(true, 0.0, 1.0, air.clone()));
         assert!(
-            found.clipped.is_empty() && found.values[0] < 3.0,
+            found.clipped.is_empty() && found.values.unwrap()[0] < 3.0,
             "{found:?}"
         );
         // and is one still if the other end is saturated
         air[255] = 100_000;
-        let found = two_peaks(&levels(true, 0.0, 1.0, air)).unwrap();
+        let found = two_peaks(&levels(true, 0.0, 1.0, air));
         assert_eq!(found.clipped, [spike(1, 100_000)]);
-        assert!((found.values[1] - 150.0).abs() < 3.0, "{found:?}");
+        assert!((found.values.unwrap()[1] - 150.0).abs() < 3.0, "{found:?}");
         // two values with a few between, as of a phantom without noise
         let mut sharp = vec![40; 256];
         (sharp[0], sharp[255]) = (1_000_000, 90_000);
-        let found = two_peaks(&levels(true, 0.0, 1.0, sharp)).unwrap();
+        let found = two_peaks(&levels(true, 0.0, 1.0, sharp));
         assert!(found.clipped.is_empty(), "{found:?}");
+    }
+
+    /// Beside one heap a fill is no material, nor is what was cut off from the foot of the heap.
+    #[test]
+    fn a_spike_beside_one_heap_is_no_second_peak() {
+        let heap = bells(256, &[[150.0, 20.0, 1e6]]);
+        for (end, samples) in [(0, 300_000), (0, 2_000_000), (255, 300_000)] {
+            let mut filled = heap.clone();
+            filled[end] += samples;
+            let found = two_peaks(&levels(true, 0.0, 1.0, filled));
+            assert_eq!(found.values, None, "{end} {samples}");
+            assert_eq!(found.clipped, [spike(end / 255, samples)]);
+        }
+        // a few samples without a peak above it
+        let mut cut = bells(256, &[[50.0, 25.0, 1e6]]);
+        let below: u64 = cut.drain(..20).sum();
+        cut[0] += below;
+        cut.iter_mut().skip(90).for_each(|n| *n += 20);
+        let clipped = spike(0, cut[0]);
+        let found = two_peaks(&levels(true, 20.0, 1.0, cut));
+        assert_eq!(found.values, None);
+        assert_eq!(found.clipped, [clipped]);
     }
 
     /// What is below the range has its end: few samples to many.

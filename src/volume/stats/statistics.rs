@@ -77,12 +77,25 @@ impl Statistics {
 
     /// The two peaks of the histogram, by rising value; `None` if it has only one.
     pub fn peaks(&self) -> Option<[f64; 2]> {
-        two_peaks(self.levels.as_ref()?).map(|peaks| peaks.values)
+        two_peaks(self.levels.as_ref()?).values
     }
 
-    /// Says which values at the ends of the range are taken for clipped ones and not for a peak; `None` if none are.
+    /// Says which values at the ends of the range are taken for clipped ones and not for a peak; `None` if none are, or if
+    /// there are no two peaks without them.
     pub fn clipped(&self) -> Option<String> {
-        let (clipped, ends) = (two_peaks(self.levels.as_ref()?)?.clipped, self.range?);
+        self.peaks().and_then(|_| self.spikes())
+    }
+
+    /// Why a method finds no threshold in these samples.
+    pub fn why_none(&self, method: ThresholdMethod) -> String {
+        let spikes = self.spikes().filter(|_| method == ThresholdMethod::Peaks);
+        let spikes = spikes.map_or(String::new(), |text| format!(" ({text})"));
+        format!("{}{spikes}", method.why_none())
+    }
+
+    /// Says which values at the ends of the range are no peaks.
+    fn spikes(&self) -> Option<String> {
+        let (clipped, ends) = (two_peaks(self.levels.as_ref()?).clipped, self.range?);
         let each = clipped
             .iter()
             .map(|s| format!("{} samples of {}", count(s.samples), number(ends[s.end], 6)));

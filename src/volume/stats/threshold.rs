@@ -62,10 +62,7 @@ impl ThresholdMethod {
     pub(crate) fn find(self, levels: &Levels, voxels: u64, beyond: u64) -> Option<f64> {
         match self {
             ThresholdMethod::Otsu => levels.otsu(),
-            ThresholdMethod::Peaks => two_peaks(levels).map(|peaks| {
-                let [a, b] = peaks.values;
-                a / 2.0 + b / 2.0
-            }),
+            ThresholdMethod::Peaks => two_peaks(levels).values.map(|[a, b]| a / 2.0 + b / 2.0),
             ThresholdMethod::Li => li(levels),
             ThresholdMethod::Triangle => triangle(levels),
             ThresholdMethod::Porosity(share) => {
