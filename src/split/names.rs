@@ -99,7 +99,7 @@ impl BasinNames {
     }
 
     /// How many names there are to tell apart: those of others, and those of its own.
-    pub fn len(&self) -> u64 {
+    pub fn distinct(&self) -> u64 {
         self.foreign.len() as u64 + self.count
     }
 

@@ -157,7 +157,7 @@ fn write_cells(
     firsts: &mut SpillFile,
     cells: &mut SpillFile,
 ) -> Result<()> {
-    let others = names.len() - names.count();
+    let others = names.distinct() - names.count();
     for place in 0..others {
         cells.push(&[sets.find(place)?])?;
     }

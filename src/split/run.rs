@@ -275,7 +275,7 @@ impl Passes<'_> {
         let mut tree = Tree {
             judge: Judge::new(options.rule, options.metric),
             saddles: self.files.spool(SADDLES)?,
-            sets: Numbers::sets(self.files.dir, names.len())?,
+            sets: Numbers::sets(self.files.dir, names.distinct())?,
         };
         let mut met = self.files.spool(TOUCHES)?;
         let spare = Spare::<T>::default();

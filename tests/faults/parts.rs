@@ -92,14 +92,14 @@ fn fail_each(
 #[test]
 fn every_file_operation_of_parts() {
     if let Some(shim) = shim("every_file_operation_of_parts") {
-        fail_all(&shim, "--min-voxels 5", 13);
+        fail_all(shim, "--min-voxels 5", 13);
     }
 }
 
 #[test]
 fn every_file_operation_of_parts_that_split_cells() {
     if let Some(shim) = shim("every_file_operation_of_parts_that_split_cells") {
-        fail_all(&shim, "--split", 17);
+        fail_all(shim, "--split", 17);
     }
 }
 
