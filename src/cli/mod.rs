@@ -210,7 +210,10 @@ fn one_line(refusal: &clap::Error, typed: &[OsString]) -> String {
 
 /// The commands in groups, as the help lists them.
 const GROUPS: [(&str, &[&str]); 5] = [
-    ("Make tiles", &["demo", "info", "convert", "verify"]),
+    (
+        "Make tiles",
+        &["demo", "info", "convert", "split", "verify"],
+    ),
     ("Look", &["view", "preview", "cells", "compare", "report"]),
     ("Use tiles", &["select", "export", "repack", "lod", "serve"]),
     ("Many machines", &["plan", "work", "merge"]),
