@@ -108,7 +108,7 @@ fn every_option_exists() {
         + &read("examples/render_tiles.py")
         + &read("examples/render_blender.py")
         + &read("examples/bench/main.rs")
-        + " --release --example --bench --path";
+        + " --release --example --bench --path --features";
     known += " --open";
     for command in commands().iter().filter(|c| *c != "help") {
         known += &help(&[command]);

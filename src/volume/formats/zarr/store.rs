@@ -15,7 +15,9 @@ pub(crate) const MAX_DEPTH: usize = 6;
 
 /// True for a folder that holds an array or group.
 pub(crate) fn is_zarr(path: &Path) -> bool {
-    let has = |folder: &Path, names: &[&str]| names.iter().any(|name| is_file(&folder.join(name)));
+    // what is there but is no file is refused with its name
+    let is_there = |path: &Path| path.exists() || is_remote(path) && is_file(path);
+    let has = |folder: &Path, names: &[&str]| names.iter().any(|name| is_there(&folder.join(name)));
     if has(path, &[".zarray", ".zgroup", ".zmetadata", "zarr.json"]) {
         return true;
     }
