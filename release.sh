@@ -15,7 +15,7 @@ if [ $# -gt 0 ]; then
   mkdir -p "$1"
   out=$(cd "$1" && pwd)
 fi
-most_bytes=20500000
+most_bytes=21500000
 glibc=2.28
 arch=$(uname -m)
 target=$arch-unknown-linux-gnu
