@@ -154,10 +154,8 @@ fn what_is_small_is_left_out_of_parts_as_of_the_whole() {
     }
 }
 
-#[test]
-fn parts_of_a_crop_and_a_region_are_the_single_run() {
-    let dims = [30, 28, 40];
-    let volume = placed(dims, foam(dims, 6));
+/// A crop and a cylinder in it, filled in both ways, of a volume of this size.
+pub fn cropped_cylinders(dims: [u32; 3]) -> [ConvertOptions; 2] {
     let crop = Crop {
         x: 2..29,
         y: 0..28,
@@ -168,15 +166,25 @@ fn parts_of_a_crop_and_a_region_are_the_single_run() {
         radius: 11.0,
     };
     let voxels = RegionVoxels::cylinder(&cylinder, Dims(dims)).unwrap();
-    for (fill, value) in [(Fill::Material, 255.0), (Fill::Air, 0.0)] {
-        let shape = Shape::Cylinder(cylinder);
-        let region =
-            RegionOfInterest::new(shape, voxels.clone(), Some(&crop), fill, value).unwrap();
-        let options = ConvertOptions {
+    [(Fill::Material, 255.0), (Fill::Air, 0.0)].map(|(fill, value)| {
+        let (shape, voxels) = (Shape::Cylinder(cylinder), voxels.clone());
+        let region = RegionOfInterest::new(shape, voxels, Some(&crop), fill, value).unwrap();
+        ConvertOptions {
             crop: Some(crop.clone()),
             region: Some(region),
-            min_voxels: 4,
             ..options([9, 9, 6])
+        }
+    })
+}
+
+#[test]
+fn parts_of_a_crop_and_a_region_are_the_single_run() {
+    let dims = [30, 28, 40];
+    let volume = placed(dims, foam(dims, 6));
+    for regions in cropped_cylinders(dims) {
+        let options = ConvertOptions {
+            min_voxels: 4,
+            ..regions
         };
         same_in_parts_of(&volume, &options, 6, "region");
     }

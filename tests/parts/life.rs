@@ -9,6 +9,7 @@ use alvis::convert::parts::{
 };
 use alvis::convert::{ConvertOptions, NeckRule};
 use alvis::progress::Quiet;
+use alvis::volume::Volume;
 use std::path::Path;
 use std::process::{Child, Command, Stdio};
 use std::time::Duration;
@@ -61,17 +62,22 @@ fn parts_work_in_any_order_and_merges_come_at_any_time() {
     }
 }
 
+/// What one process makes, every second turn with cells that are split.
+fn single_run(volume: &dyn Volume, turn: usize) -> (ConvertOptions, Files) {
+    let options = ConvertOptions {
+        split: (turn % 2 == 1).then(NeckRule::default),
+        ..options([8, 8, 5])
+    };
+    let (whole, _) = converted(volume, &options);
+    (options, files(whole.path()))
+}
+
 #[test]
 fn a_part_that_runs_twice_at_once_is_done_once() {
     let dims = [24, 20, 30];
     let volume = placed(dims, foam(dims, 2));
     for turn in 0..6 {
-        let options = ConvertOptions {
-            split: (turn % 2 == 1).then(NeckRule::default),
-            ..options([8, 8, 5])
-        };
-        let (whole, _) = converted(&volume, &options);
-        let whole = files(whole.path());
+        let (options, whole) = single_run(&volume, turn);
         let dir = tempfile::tempdir().unwrap();
         let out = dir.path();
         plan(&volume, &options, out, 3);
@@ -266,12 +272,7 @@ fn two_merges_at_once_make_one_tile_set() {
     let dims = [24, 20, 30];
     let volume = placed(dims, foam(dims, 4));
     for turn in 0..6 {
-        let options = ConvertOptions {
-            split: (turn % 2 == 1).then(NeckRule::default),
-            ..options([8, 8, 5])
-        };
-        let (whole, _) = converted(&volume, &options);
-        let whole = files(whole.path());
+        let (options, whole) = single_run(&volume, turn);
         let dir = tempfile::tempdir().unwrap();
         let out = dir.path();
         plan(&volume, &options, out, 4);

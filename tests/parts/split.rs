@@ -1,13 +1,13 @@
 //! Cells that are split at their necks: whole trees of files, of many volumes.
 
-use super::bytes::{helix, same_in_parts, same_in_parts_of, sparse};
+use super::bytes::{cropped_cylinders, helix, same_in_parts, same_in_parts_of, sparse};
 use super::{in_parts, layers};
 use crate::common::volumes::{Random, foam, late_joins, noise, placed, samples, volume};
 use crate::common::{assert_same_files, converted, data, files, options};
-use alvis::convert::{ConvertOptions, NeckRule, RegionOfInterest};
-use alvis::grid::{Ambiguous, Crop, Cylinder, Dims, Fill, Shape};
+use alvis::convert::{ConvertOptions, NeckRule};
+use alvis::grid::Ambiguous;
 use alvis::progress::Quiet;
-use alvis::volume::{MemoryVolume, OpenOptions, RegionVoxels, open, statistics};
+use alvis::volume::{MemoryVolume, OpenOptions, open, statistics};
 
 /// The usual rule.
 fn split(macrocube: [u32; 3]) -> ConvertOptions {
@@ -134,32 +134,17 @@ fn parts_of_a_string_of_pores_are_the_single_run() {
 fn parts_of_split_cells_with_all_options_are_the_single_run() {
     let dims = [30, 28, 40];
     let volume = placed(dims, leaky(dims, 6));
-    let crop = Crop {
-        x: 2..29,
-        y: 0..28,
-        z: 3..38,
-    };
-    let cylinder = Cylinder {
-        centre: [15.0, 14.0],
-        radius: 11.0,
-    };
-    let voxels = RegionVoxels::cylinder(&cylinder, Dims(dims)).unwrap();
-    for (fill, value) in [(Fill::Material, 255.0), (Fill::Air, 0.0)] {
-        let shape = Shape::Cylinder(cylinder);
-        let region =
-            RegionOfInterest::new(shape, voxels.clone(), Some(&crop), fill, value).unwrap();
+    for regions in cropped_cylinders(dims) {
         let rule = NeckRule {
             ratio_permille: 700,
             h_256: 256,
             min_radius_256: 300,
         };
         let options = ConvertOptions {
-            crop: Some(crop.clone()),
-            region: Some(region),
             min_voxels: 4,
             cap: true,
             split: Some(rule),
-            ..options([9, 9, 6])
+            ..regions
         };
         same_in_parts_of(&volume, &options, 6, "split region");
     }
