@@ -118,7 +118,7 @@ impl Case {
         Labels {
             file: "labels.npy".into(),
             checksum,
-            rows,
+            rows: rows.into(),
         }
     }
 
@@ -559,7 +559,7 @@ fn labels_below_0_are_refused_in_pores_alone() {
         let labels = Some(Labels {
             file: "labels.npy".into(),
             checksum,
-            rows,
+            rows: rows.into(),
         });
         let options = ConvertOptions {
             labels,

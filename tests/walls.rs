@@ -27,7 +27,7 @@ fn given(dims: [u32; 3], labels: Vec<u32>) -> Labels {
     Labels {
         file: "labels.npy".into(),
         checksum,
-        rows,
+        rows: rows.into(),
     }
 }
 

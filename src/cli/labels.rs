@@ -2,7 +2,7 @@
 
 use crate::cli::input::{check_read, open_beside};
 use crate::cli::same_place::{parts_of_other, same_place};
-use crate::convert::{CellRows, Labels};
+use crate::convert::{CellRows, LabelRows, LabelSums, LabelVolume, Labels};
 use crate::error::{Error, Result};
 use crate::grid::{Dims, Dtype, Endian, Frame};
 use crate::progress::Progress;
@@ -15,32 +15,88 @@ use std::path::Path;
 /// Those of opening a volume and of [`CellRows::of_labels`]; [`Error::InputChanged`].
 pub fn read_labels(
     path: &Path,
-    (header, frame): (&Header, Frame),
+    place: (&Header, Frame),
     progress: &dyn Progress,
 ) -> Result<Labels> {
-    let dims = header.dims;
-    let (opened, stamp) = open(path, dims)?;
-    if dims == opened.volume.header().dims {
-        same_place(
-            "--labels",
-            "labels",
-            path,
-            &opened,
-            (&header.placement, frame),
-        )?;
-    }
+    let dims = place.0.dims;
+    let (opened, stamp) = open_in(path, place)?;
     let kept_in = std::env::temp_dir();
     let (rows, checksum) = CellRows::of_labels(&*opened.volume, dims, &kept_in, progress)?;
     check_read(&stamp, progress)?;
-    if rows.largest() == 0 {
-        let expected = "some that are not 0, which are those of cells";
-        return Err(Error::usage("--labels", "labels that are all 0", expected));
-    }
+    check_any(rows.largest())?;
     Ok(Labels {
         file: file_name(path),
         checksum,
-        rows,
+        rows: rows.into(),
     })
+}
+
+/// The same for parts, of which each reads those of its own slices: here all of them are read, and none is kept.
+///
+/// # Errors
+/// As of [`read_labels`]; [`Error::Usage`] if slices cannot be read by themselves.
+pub fn labels_of_parts(
+    path: &Path,
+    place: (&Header, Frame),
+    progress: &dyn Progress,
+) -> Result<Labels> {
+    let (opened, stamp) = open_in(path, place)?;
+    if !opened.volume.random_access() {
+        let found = format!("{}, which is packed as one stream", path.display());
+        let expected = "labels of which each part can read its own";
+        return Err(Error::usage("--labels", found, expected)
+            .with_hint("unpack it first, as by `gunzip -k` or `zstd -d`"));
+    }
+    let sums = LabelSums::of(&*opened.volume, place.0.dims, progress)?;
+    check_read(&stamp, progress)?;
+    check_any(sums.largest)?;
+    Ok(on_demand(path, opened, stamp, &sums))
+}
+
+/// Labels that were read before, for parts.
+///
+/// # Errors
+/// Those of opening a volume.
+pub fn known_labels(path: &Path, dims: Dims, sums: &LabelSums) -> Result<Labels> {
+    let (opened, stamp) = open(path, dims)?;
+    let found = opened.volume.header().dims;
+    if found != dims {
+        let found = format!("labels of {found} voxels");
+        let expected = format!("{dims}, as they had when the plan was made");
+        return Err(Error::usage("--labels", found, expected));
+    }
+    Ok(on_demand(path, opened, stamp, sums))
+}
+
+fn on_demand(path: &Path, opened: Opened, stamp: Stamp, sums: &LabelSums) -> Labels {
+    Labels {
+        file: file_name(path),
+        checksum: sums.checksum.clone(),
+        rows: LabelRows::OnDemand(Box::new(LabelVolume {
+            volume: opened.volume.into(),
+            largest: sums.largest,
+            stamp,
+        })),
+    }
+}
+
+/// Opens the labels of a volume, which lies in this world.
+fn open_in(path: &Path, (header, frame): (&Header, Frame)) -> Result<(Opened, Stamp)> {
+    let (opened, stamp) = open(path, header.dims)?;
+    if header.dims == opened.volume.header().dims {
+        let place = (&header.placement, frame);
+        same_place("--labels", "labels", path, &opened, place)?;
+    }
+    Ok((opened, stamp))
+}
+
+/// Refuses labels of which none is of a cell.
+fn check_any(largest: u64) -> Result<()> {
+    if largest == 0 {
+        let expected = "some that are not 0, which are those of cells";
+        return Err(Error::usage("--labels", "labels that are all 0", expected));
+    }
+    Ok(())
 }
 
 /// What to do with labels of 64 bits.
@@ -112,7 +168,10 @@ mod tests {
             placement: Placement::default(),
         };
         let read = read_labels(&path, (&header, Frame::Unstated), &crate::progress::Quiet);
-        assert_eq!(read.unwrap().rows.largest(), 1);
+        let LabelRows::Read(rows) = read.unwrap().rows else {
+            panic!("rows that are kept");
+        };
+        assert_eq!(rows.largest(), 1);
         let read = read_labels(&path, (&header, Frame::Unstated), &Writer(&path));
         assert!(matches!(read, Err(Error::InputChanged { .. })), "{read:?}");
     }

@@ -6,8 +6,8 @@ use super::input::Input;
 use super::plan_script::{Engine, Script};
 use super::prepare::{Prepared, Purpose};
 use super::{Cli, Command, Outcome, output};
-use crate::convert::ConvertOptions;
 use crate::convert::parts::{Asked, PartsPlan, plan_parts};
+use crate::convert::{ConvertOptions, LabelRows, Labels};
 use crate::error::{Error, Result};
 use crate::grid::Tiling;
 use crate::progress::Quiet;
@@ -30,6 +30,10 @@ const NS_FOR_VOXEL: f64 = 4.0;
 const NS_FOR_TRIANGLE: f64 = 37.0;
 /// Processor time of splitting cells, for each voxel, in nanoseconds.
 const NS_FOR_SPLIT: f64 = 45.0;
+/// Stretches of labels, and what is found of their cells.
+const KEPT_FOR_LABELS: f64 = 0.8;
+/// Processor time of reading labels twice, and of summing up their cells.
+const NS_FOR_LABELS: f64 = 15.0;
 /// Jobs of a script ask for so many times the memory that is predicted, where the limit is not below: a volume may be denser
 /// than a foam.
 const ROOM: u64 = 4;
@@ -44,7 +48,7 @@ const FILES_OF_ROUND: u64 = 20;
 ///
 /// Takes the options of `alvis convert` and makes the same tile set. Nothing is submitted: `alvis work OUT --part K` is the
 /// job of a part, in every round, and `alvis merge OUT` says which parts are to run, and joins them. With a method for the
-/// threshold or a region that is to be found the volume is read here.
+/// threshold or a region that is to be found the volume is read here, with --labels the labels are.
 #[derive(Debug, Args)]
 #[command(after_help = "Examples:\n  \
     alvis plan scan.mhd OUT --threshold 128 --parts 100\n  \
@@ -92,6 +96,7 @@ impl PlanArgs {
             directory: text(directory.as_os_str())?,
             threshold: options.threshold,
             region: options.region.as_ref().map(|region| region.stated.clone()),
+            labels: options.labels.as_ref().map(Labels::sums),
         };
         let plan = plan_parts(&*opened.volume, &options, out, self.parts, asked)?;
         let costs = Costs::of(&*opened.volume, &options, plan)?;
@@ -147,6 +152,20 @@ fn text(word: &std::ffi::OsStr) -> Result<String> {
     })
 }
 
+/// Bytes of labels that are read: all of them by the plan, and those of their slices by the parts.
+fn labels_bytes(tiling: Tiling, options: &ConvertOptions) -> u64 {
+    let Some(labels) = &options.labels else {
+        return 0;
+    };
+    let LabelRows::OnDemand(labels) = &labels.rows else {
+        return 0;
+    };
+    let header = labels.volume.header();
+    let [nx, ny, nz] = header.dims.0.map(u64::from);
+    let [.., slices] = tiling.dims.0.map(u64::from);
+    nx * ny * (nz + slices) * header.dtype.bytes() as u64
+}
+
 impl Costs {
     fn of(volume: &dyn Volume, options: &ConvertOptions, plan: PartsPlan) -> Result<Self> {
         let part = Cropped::part(Box::new(volume), options.crop.as_ref())?;
@@ -174,16 +193,21 @@ impl Costs {
         let tiles = (x * y * layers).min(surface.triangles);
         let labelled = if options.min_voxels > 1 { 3 } else { 1 };
         let split = if options.split.is_some() { 1.0 } else { 0.0 };
+        // here, and by the parts
+        let of_labels = labels_bytes(tiling, options);
+        let labels = if of_labels > 0 { 1.0 } else { 0.0 };
         let keeps = options.keep_samples || options.source_filtered.is_some();
         let passes = labelled + u64::from(!keeps);
         let kept = if keeps { sample as f64 } else { 0.0 };
-        let for_voxel = KEPT_FOR_VOXEL * labelled as f64 + KEPT_FOR_SPLIT * split;
+        let for_voxel =
+            KEPT_FOR_VOXEL * labelled as f64 + KEPT_FOR_SPLIT * split + KEPT_FOR_LABELS * labels;
         let scratch = voxels as f64 * (for_voxel + kept);
-        let nanoseconds = voxels as f64 * (NS_FOR_VOXEL * labelled as f64 + NS_FOR_SPLIT * split)
-            + surface.triangles as f64 * NS_FOR_TRIANGLE;
+        let for_each =
+            NS_FOR_VOXEL * labelled as f64 + NS_FOR_SPLIT * split + NS_FOR_LABELS * labels;
+        let nanoseconds = voxels as f64 * for_each + surface.triangles as f64 * NS_FOR_TRIANGLE;
         Costs {
             plan,
-            bytes_read: passes * voxels * sample,
+            bytes_read: passes * voxels * sample + of_labels,
             bytes_written: tile_bytes(surface) + scratch as u64,
             files: tiles + layers + u64::from(plan.parts) * u64::from(plan.rounds) * FILES_OF_ROUND,
             cpu_seconds: nanoseconds * 1e-9,

@@ -2,7 +2,7 @@
 
 use super::convert::{ConvertArgs, understood};
 use super::input::Input;
-use super::labels::read_labels;
+use super::labels::{known_labels, labels_of_parts, read_labels};
 use super::progress::Console;
 use super::region::Roi;
 use super::threshold::Threshold;
@@ -61,15 +61,9 @@ impl ConvertArgs {
             ("--lod", self.lod),
             ("--view", self.view),
             ("--resume", self.resume),
-            ("--labels", self.labels.is_some()),
         ];
         match (given.into_iter().find(|(_, given)| *given), &self.out) {
             (None, Some(out)) => Ok(out),
-            (Some(("--labels", _)), _) => Err(Error::usage(
-                "--labels",
-                "it with a plan",
-                "none: parts of a plan find cells by themselves; `alvis convert` takes labels",
-            )),
             (option, _) => {
                 let option = option.map_or("OUT", |(option, _)| option);
                 let expected = "one volume and one directory; levels of detail and \
@@ -100,6 +94,10 @@ impl ConvertArgs {
                 Some(stated) => Some(region.find_again(stated, volume, console)?),
                 None => None,
             };
+            options.labels = match (&self.labels, &known.labels) {
+                (Some(path), Some(sums)) => Some(known_labels(path, volume.header().dims, sums)?),
+                _ => None,
+            };
             return Ok(Prepared::of(opened, options));
         }
         let how = match self.threshold {
@@ -129,9 +127,11 @@ impl ConvertArgs {
             }
             None => None,
         };
-        options.labels = match &self.labels {
-            Some(path) => Some(read_labels(path, (volume.header(), frame), console)?),
-            None => None,
+        let place = (volume.header(), frame);
+        options.labels = match (&self.labels, purpose) {
+            (Some(path), Purpose::Plan) => Some(labels_of_parts(path, place, console)?),
+            (Some(path), _) => Some(read_labels(path, place, console)?),
+            (None, _) => None,
         };
         let understood = understood(&opened, &options, found, &how)?;
         Ok(Prepared {

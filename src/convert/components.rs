@@ -51,15 +51,22 @@ pub struct PartRecord {
     pub largest_neck: f64,
     /// Place of its first surface: all surfaces of a cell follow each other by objects.
     first_surface: u64,
+    /// Euler characteristics of the borders of the components that it has voxels in, where labels give cells in parts of the
+    /// volume.
+    pub borders: i64,
 }
 
 impl PartRecord {
     /// Adds what is known of the cell elsewhere, but for its first surface.
     pub fn merge(&mut self, other: &PartRecord) {
-        if self.component == 0 {
-            self.component = other.component;
-        }
+        self.component = match (self.component, other.component) {
+            (one, 0) => one,
+            (0, other) => other,
+            (one, other) if one == other => one,
+            _ => SEVERAL,
+        };
         self.largest_neck = self.largest_neck.max(other.largest_neck);
+        self.borders += other.borders;
     }
 }
 
@@ -388,7 +395,13 @@ impl Components {
     fn add_given(&mut self, in_components: Sorter<CellInComponent>) -> Result<()> {
         let given = self.given.as_mut().expect("given cells");
         let Given {
-            cells: KnownCells { ids, openings, .. },
+            cells:
+                KnownCells {
+                    ids,
+                    openings,
+                    pairs,
+                    ..
+                },
             components,
             places,
             parts,
@@ -406,16 +419,14 @@ impl Components {
         })?;
         each_in_component(in_components, |part| {
             let (place, component) = (ids.place(part.cell), part.component);
-            table.update(place, |record| {
-                // those of the first component, or of one more
-                match record.voxels.voxels {
-                    0 => record.voxels = part.sums,
-                    _ => record.voxels.merge(&part.sums),
-                }
-            })?;
+            table.update(place, |record| record.add_voxels(&part.sums))?;
+            if let Some(pairs) = pairs {
+                pairs.push(&[[part.cell, component]])?;
+            }
             if matches!(ids, CellIds::Ranked(_)) {
                 let whole = components.get(places.of(component))?;
-                table.update(place, |record| add_border(record, &whole))?;
+                let border = whole.voxels.border_euler;
+                table.update(place, |record| add_border(record, border))?;
             }
             parts.update(place, |part| {
                 part.component = match part.component {
@@ -426,8 +437,8 @@ impl Components {
         })
     }
 
-    /// Enters what only components know of cells that were not cut from others, once all is known of both, where components
-    /// were split.
+    /// Enters what only components know of cells that have no openings, once all is known of both, unless that was done when
+    /// the cells were summed up.
     ///
     /// # Errors
     /// [`crate::Error::Io`].
@@ -435,16 +446,19 @@ impl Components {
         let Some(given) = &self.given else {
             return Ok(());
         };
-        if matches!(given.cells.ids, CellIds::Ranked(_)) {
-            return Ok(());
-        }
         for place in 0..self.cells.len() {
-            let component = given.parts.get(place)?.component;
-            if component > 0 && self.cells.get(place)?.necks == 0 {
-                let whole = given.components.get(given.places.of(component))?;
-                self.cells
-                    .update(place, |record| add_border(record, &whole))?;
-            }
+            let part = given.parts.get(place)?;
+            let border = match &given.cells.ids {
+                CellIds::Ranked(_) => return Ok(()),
+                CellIds::Listed(_) => part.borders,
+                CellIds::Placed(_) if part.component == 0 => 0,
+                CellIds::Placed(_) => {
+                    let whole = given.components.get(given.places.of(part.component))?;
+                    whole.voxels.border_euler
+                }
+            };
+            self.cells
+                .update(place, |record| add_border(record, border))?;
         }
         Ok(())
     }
@@ -469,9 +483,9 @@ impl Components {
     }
 }
 
-/// Adds what is known of the border of a component to a cell of it, which has all of it unless it was cut.
-fn add_border(cell: &mut ComponentRecord, whole: &ComponentRecord) {
+/// Adds what is known of the border of a component to a cell of it, which has all of it unless it has openings.
+fn add_border(cell: &mut ComponentRecord, border: i64) {
     if cell.necks == 0 {
-        cell.voxels.border_euler += whole.voxels.border_euler;
+        cell.voxels.border_euler += border;
     }
 }

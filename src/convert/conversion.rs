@@ -2,11 +2,12 @@
 
 use crate::convert::ConvertOptions;
 use crate::convert::cells::metric;
+use crate::convert::given_labels::Labels;
 use crate::convert::layers::Layers;
 use crate::convert::mesh::tile_writer::TileWriter;
 use crate::convert::plan::Plan;
+use crate::error::Result;
 use crate::grid::LATTICE;
-use crate::labels::CellRows;
 use crate::manifest::{
     Dust, FORMAT, FORMAT_VERSION, Generator, GridInfo, Manifest, PartsBy, SPLIT_VERSION, Source,
     Tables, Totals,
@@ -26,8 +27,6 @@ pub struct Conversion<'a> {
     pub grid: &'a dyn Volume,
     /// The region of interest of that part, if there is one.
     pub region: Option<&'a RegionVoxels>,
-    /// The cell of each voxel, where these are given.
-    pub labels: Option<&'a CellRows>,
     /// What was asked for.
     pub options: &'a ConvertOptions,
     /// How the grid is cut, and what each stage may take of the memory.
@@ -64,6 +63,15 @@ impl Conversion<'_> {
     pub fn swept_layers(&self) -> u64 {
         let sweeps = if self.options.min_voxels > 1 { 4 } else { 2 };
         sweeps * u64::from(self.layers())
+    }
+
+    /// Refuses inputs that were changed since they were opened.
+    ///
+    /// # Errors
+    /// [`crate::Error::InputChanged`].
+    pub fn check_inputs(&self) -> Result<()> {
+        self.options.input.check()?;
+        self.options.labels.as_ref().map_or(Ok(()), Labels::check)
     }
 
     /// Writes tiles below the directory `work`.

@@ -161,7 +161,6 @@ mod tests {
             volume,
             grid: volume,
             region: None,
-            labels: None,
             options,
             plan: &plan,
             made: Layers::all(plan.tiling),

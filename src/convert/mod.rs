@@ -5,6 +5,7 @@ mod cells;
 mod components;
 mod conversion;
 mod finalize;
+mod given_labels;
 mod id_places;
 mod identity;
 mod known_band;
@@ -24,13 +25,14 @@ mod walls;
 mod warnings;
 
 pub use crate::checkpoint::LayersDone;
-pub use crate::labels::CellRows;
+pub use crate::labels::{CellRows, LabelSums};
 pub use crate::measure::{
     COMPONENT_COLUMNS, Column, Field, Get, Measures, SURFACE_COLUMNS, SurfaceRow,
 };
 pub use crate::split::NeckRule;
 pub use crate::tileset::{check_output, interrupted};
-pub use options::{ConvertOptions, ConvertReport, Labels, RegionOfInterest};
+pub use given_labels::{LabelRows, LabelVolume, Labels};
+pub use options::{ConvertOptions, ConvertReport, RegionOfInterest};
 pub use tables::unit_text;
 
 use crate::checkpoint::{Checkpointer, boot};
@@ -135,14 +137,11 @@ fn with_conversion<R>(
     let grid = Cropped::part(filled, crop)?;
     let region = options.region.as_ref().map(|r| r.voxels.cropped(crop));
     let region = region.transpose()?;
-    let labels = options.labels.as_ref();
-    let labels = labels.map(|l| l.rows.cropped(crop)).transpose()?;
     let plan = plan(&*grid, grid.header().dims, options, region.is_some())?;
     run(&Conversion {
         volume,
         grid: &*grid,
         region: region.as_ref(),
-        labels: labels.as_ref(),
         options,
         plan: &plan,
         made: made(plan.tiling),

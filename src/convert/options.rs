@@ -1,10 +1,10 @@
 //! What a conversion is asked for, and what it reports.
 
+use crate::convert::given_labels::Labels;
 use crate::error::{Error, Result};
 use crate::grid::{
     Ambiguous, Crop, Fill, Filter, Filtered, Part, Placement, Provenance, Region, Shape, Unit,
 };
-use crate::labels::CellRows;
 use crate::manifest::{Encoding, Form, Layout, Primitives, Totals};
 use crate::split::NeckRule;
 use crate::volume::{RegionVoxels, Stamp};
@@ -76,17 +76,6 @@ pub struct ConvertOptions {
     pub region: Option<RegionOfInterest>,
     /// Where spacing, unit and origin came from, for the manifest.
     pub provenance: Provenance,
-}
-
-/// Cells that a volume of labels gives.
-#[derive(Debug, Clone)]
-pub struct Labels {
-    /// The name of its file, without its directory.
-    pub file: String,
-    /// See [`PartsBy::Labels`](crate::manifest::PartsBy::Labels).
-    pub checksum: String,
-    /// The label of each voxel.
-    pub rows: CellRows,
 }
 
 /// The region of interest of a conversion.

@@ -5,10 +5,34 @@ use crate::grid::Dims;
 use crate::labels::cell_rows::{CellPiece, CellRows, CellRowsWriter};
 use crate::progress::Progress;
 use crate::volume::{Volume, Voxel, with_voxel_type};
+use serde::{Deserialize, Serialize};
+use std::ops::Range;
 use std::path::Path;
 
 /// Bytes of samples that are read at once.
 const AT_ONCE: usize = 4 << 20;
+
+/// What all of a volume of labels tells.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub struct LabelSums {
+    /// The largest label; 0 if none is above that.
+    pub largest: u64,
+    /// The checksum that [`crate::manifest::PartsBy::Labels`] states.
+    pub checksum: String,
+}
+
+impl LabelSums {
+    /// Reads all labels of a volume, for one of size `dims`, and keeps none.
+    ///
+    /// # Errors
+    /// As of [`CellRows::of_labels`].
+    pub fn of(labels: &dyn Volume, dims: Dims, progress: &dyn Progress) -> Result<Self> {
+        check(labels, dims)?;
+        let mut reader = Reader::new(dims, None);
+        reader.all(labels, 0..dims.0[2], progress)?;
+        Ok(reader.sums())
+    }
+}
 
 impl CellRows {
     /// The labels of a volume, for one of size `dims`: whole numbers, of which those below 0 are no cells and
@@ -24,47 +48,104 @@ impl CellRows {
         dir: &Path,
         progress: &dyn Progress,
     ) -> Result<(CellRows, String)> {
-        let header = labels.header();
-        if header.dims != dims {
-            return Err(Error::usage(
-                "--labels",
-                format!("labels of {} voxels", header.dims),
-                format!("{dims}, as the volume has after its filters and before --crop"),
-            ));
-        }
-        if header.dtype.is_float() {
-            return Err(Error::usage(
-                "--labels",
-                format!("samples of type {}", header.dtype),
-                "whole numbers: u8, u16, u32, i8, i16 or i32",
-            )
-            .with_hint("in Python labels.astype('uint32'), if they are below 2^32"));
-        }
-        let mut reader = Reader {
-            dims,
-            rows: CellRowsWriter::new(dims, dir)?,
-            crc: crc32fast::Hasher::new(),
-        };
-        progress.begin("labels", dims.0[2].into());
-        with_voxel_type!(header.dtype, T => reader.read::<T>(labels, progress))?;
-        let checksum = format!("crc32:{:08x}", reader.crc.finalize());
-        Ok((reader.rows.finish()?, checksum))
+        check(labels, dims)?;
+        let mut reader = Reader::new(dims, Some(CellRowsWriter::new(dims, dir)?));
+        reader.all(labels, 0..dims.0[2], progress)?;
+        let checksum = reader.sums().checksum;
+        Ok((reader.finish()?, checksum))
     }
+
+    /// The same of some slices alone, without the checksum.
+    ///
+    /// # Errors
+    /// As of [`CellRows::of_labels`].
+    pub fn of_labels_in(
+        labels: &dyn Volume,
+        slices: Range<u32>,
+        dir: &Path,
+        progress: &dyn Progress,
+    ) -> Result<CellRows> {
+        let dims = labels.header().dims;
+        let rows = CellRowsWriter::of_slices(dims, slices.clone(), dir)?;
+        let mut reader = Reader::new(dims, Some(rows));
+        reader.all(labels, slices, progress)?;
+        reader.finish()
+    }
+}
+
+/// Refuses what are no labels of a volume of this size.
+fn check(labels: &dyn Volume, dims: Dims) -> Result<()> {
+    let header = labels.header();
+    if header.dims != dims {
+        return Err(Error::usage(
+            "--labels",
+            format!("labels of {} voxels", header.dims),
+            format!("{dims}, as the volume has after its filters and before --crop"),
+        ));
+    }
+    if header.dtype.is_float() {
+        return Err(Error::usage(
+            "--labels",
+            format!("samples of type {}", header.dtype),
+            "whole numbers: u8, u16, u32, i8, i16 or i32",
+        )
+        .with_hint("in Python labels.astype('uint32'), if they are below 2^32"));
+    }
+    Ok(())
 }
 
 struct Reader {
     dims: Dims,
-    rows: CellRowsWriter,
+    /// Where the rows are kept, if they are.
+    rows: Option<CellRowsWriter>,
     crc: crc32fast::Hasher,
+    largest: i64,
 }
 
 impl Reader {
-    fn read<T: Voxel>(&mut self, labels: &dyn Volume, progress: &dyn Progress) -> Result<()> {
-        let [nx, ny, nz] = self.dims.0;
+    fn new(dims: Dims, rows: Option<CellRowsWriter>) -> Self {
+        Reader {
+            dims,
+            rows,
+            crc: crc32fast::Hasher::new(),
+            largest: 0,
+        }
+    }
+
+    fn sums(&self) -> LabelSums {
+        LabelSums {
+            largest: self.largest as u64,
+            checksum: format!("crc32:{:08x}", self.crc.clone().finalize()),
+        }
+    }
+
+    fn finish(self) -> Result<CellRows> {
+        let rows = self.rows.expect("rows that are kept");
+        rows.finish()
+    }
+
+    fn all(
+        &mut self,
+        labels: &dyn Volume,
+        slices: Range<u32>,
+        progress: &dyn Progress,
+    ) -> Result<()> {
+        progress.begin("labels", slices.len() as u64);
+        let dtype = labels.header().dtype;
+        with_voxel_type!(dtype, T => self.read::<T>(labels, slices, progress))
+    }
+
+    fn read<T: Voxel>(
+        &mut self,
+        labels: &dyn Volume,
+        slices: Range<u32>,
+        progress: &dyn Progress,
+    ) -> Result<()> {
+        let [nx, ny, _] = self.dims.0;
         let row_bytes = nx as usize * size_of::<T>();
         let at_once = (AT_ONCE / row_bytes).clamp(1, ny as usize);
         let mut samples = vec![T::zeroed(); at_once * nx as usize];
-        for z in 0..nz {
+        for z in slices {
             if progress.interrupted() {
                 return Err(Error::Interrupted);
             }
@@ -92,8 +173,12 @@ impl Reader {
             let label = label.to_f64() as i64;
             self.crc.update(&(x as u64).to_le_bytes());
             self.crc.update(&label.to_le_bytes());
+            self.largest = self.largest.max(label);
             pieces.push(CellPiece::of_label(x as u32, label));
         }
-        self.rows.push(y, z, &pieces)
+        match &mut self.rows {
+            Some(rows) => rows.push(y, z, &pieces),
+            None => Ok(()),
+        }
     }
 }

@@ -7,6 +7,7 @@ mod command;
 mod common;
 
 mod bytes;
+mod labels;
 mod life;
 mod refused;
 mod split;

@@ -1,5 +1,6 @@
 //! What is refused: other plans, inputs, options and versions; files that are damaged; what is not converted in parts.
 
+use super::labels::{blocks, given};
 use super::{Files, finish, plan};
 use crate::command::{alvis, fails, ok};
 use crate::common::volumes::{foam, placed};
@@ -11,8 +12,12 @@ use alvis::convert::parts::{
 use alvis::convert::{ConvertOptions, NeckRule};
 use alvis::progress::Quiet;
 use alvis::volume::MemoryVolume;
+use flate2::Compression;
+use flate2::write::GzEncoder;
 use std::fs;
+use std::io::Write;
 use std::path::{Path, PathBuf};
+use std::time::{Duration, SystemTime};
 
 const WORK: &str = ".alvis-partial";
 
@@ -117,7 +122,7 @@ fn what_others_do_there_is_refused_while_a_plan_is_there() {
     for (line, what) in [
         (plan_of(" --split --walls"), "--walls"),
         (plan_of(" --split 1.5"), "--split"),
-        (plan_of(" --labels foam.mhd"), "--labels"),
+        (plan_of(" --labels nowhere.tif"), "nowhere.tif"),
         (plan_of(" --lod"), "--lod"),
         (plan_of(" --resume"), "--resume"),
         (plan_of("").replace("--parts 3", "--parts 9"), "1 to 5"),
@@ -187,6 +192,113 @@ fn an_input_that_changed_is_refused_with_both_values() {
     run("work out --part 0 --quiet --input mount/foam.raw");
 }
 
+/// A file of labels for a volume of 30 x 26 x 40 voxels, as it was when it was written.
+struct LabelFile {
+    path: PathBuf,
+    bytes: Vec<u8>,
+    time: SystemTime,
+}
+
+impl LabelFile {
+    fn new(path: PathBuf) -> Self {
+        let labels = blocks([30, 26, 40], 7, 1);
+        let bytes: Vec<u8> = labels.into_iter().flat_map(u32::to_le_bytes).collect();
+        fs::write(&path, &bytes).unwrap();
+        let time = path.metadata().unwrap().modified().unwrap();
+        LabelFile { path, bytes, time }
+    }
+
+    /// Writes other bytes, and sets the time back or to another one.
+    fn write(&self, bytes: &[u8], later: u64) {
+        fs::write(&self.path, bytes).unwrap();
+        let file = fs::File::options().write(true).open(&self.path).unwrap();
+        file.set_modified(self.time + Duration::from_secs(later))
+            .unwrap();
+    }
+}
+
+#[test]
+fn labels_that_changed_are_refused_with_both_values() {
+    let dir = tempfile::tempdir().unwrap();
+    let dir = dir.path();
+    let run = |line: &str| ok(dir, &line.split(' ').collect::<Vec<_>>());
+    let refused = |line: &str| fails(dir, &line.split(' ').collect::<Vec<_>>());
+    run("phantom foam foam.raw --dims 30,26,40 --pitch 9 --quiet");
+    let labels = LabelFile::new(dir.join("labels.raw"));
+    let options = "--dims 30,26,40 --dtype u8 --threshold otsu --macrocube 8 --labels labels.raw \
+                   --crop 2:30,0:26,3:38 --quiet";
+    run(&format!("convert foam.raw whole {options}"));
+    run(&format!("plan foam.raw out {options} --parts 3"));
+    let part = |part: u32| format!("work out --part {part} --quiet");
+    let merge = || alvis(dir, &["merge", "out", "--quiet"]).status.code();
+    (0..2).for_each(|k| drop(run(&part(k))));
+    let expect = |what: &str| {
+        for line in [&part(2), "merge out"] {
+            let message = refused(line);
+            assert!(message.contains(what), "{what}: {message}");
+        }
+    };
+    labels.write(&labels.bytes, 7);
+    let message = refused(&part(2));
+    assert!(
+        message.contains("last change of the labels was ") && message.contains(" and is "),
+        "{message}"
+    );
+    let mut other = labels.bytes.clone();
+    other[0] ^= 1;
+    labels.write(&other, 0);
+    let message = refused(&part(2));
+    assert!(
+        message.contains("samples of the labels was CRC-32 "),
+        "{message}"
+    );
+    labels.write(&labels.bytes, 0);
+    run(&part(2));
+    assert_eq!(merge(), Some(3));
+    // when all is meshed, too
+    (0..3).for_each(|k| drop(run(&part(k))));
+    labels.write(&other, 0);
+    expect("samples of the labels was CRC-32 ");
+    fs::rename(&labels.path, dir.join("elsewhere.raw")).unwrap();
+    expect("labels.raw");
+    labels.write(&labels.bytes, 0);
+    assert_eq!(merge(), Some(3));
+    (0..3).for_each(|k| drop(run(&part(k))));
+    assert_eq!(merge(), Some(0));
+    assert_same_files(
+        &files(&dir.join("whole")),
+        &files(&dir.join("out")),
+        "labels",
+    );
+    run("verify out --against foam.raw --dims 30,26,40 --dtype u8 --labels labels.raw --quiet");
+}
+
+#[test]
+fn labels_that_parts_cannot_have_are_refused_by_the_plan() {
+    let dir = tempfile::tempdir().unwrap();
+    let dir = dir.path();
+    let refused = |line: &str| fails(dir, &line.split(' ').collect::<Vec<_>>());
+    let line = "phantom foam foam.mhd --dims 30,26,40 --pitch 9 --quiet";
+    ok(dir, &line.split(' ').collect::<Vec<_>>());
+    let labels = LabelFile::new(dir.join("labels.raw"));
+    let mut packed = GzEncoder::new(Vec::new(), Compression::fast());
+    packed.write_all(&labels.bytes).unwrap();
+    fs::write(dir.join("labels.raw.gz"), packed.finish().unwrap()).unwrap();
+    fs::write(dir.join("none.raw"), vec![0; labels.bytes.len()]).unwrap();
+    fs::write(dir.join("short.raw"), &labels.bytes[..4 * 30 * 26 * 39]).unwrap();
+    for (name, what) in [
+        ("labels.raw.gz", "labels.raw.gz"),
+        ("none.raw", "labels that are all 0"),
+        ("short.raw", "short.raw"),
+    ] {
+        let message = refused(&format!(
+            "plan foam.mhd out --threshold 128 --macrocube 8 --parts 2 --labels {name}"
+        ));
+        assert!(message.contains(what), "{name}: {message}");
+        assert!(!dir.join("out").exists(), "{name}");
+    }
+}
+
 /// All files below a directory, but for the geometry of tiles, whose checksums are in the index and for `alvis verify`.
 fn part_files(dir: &Path) -> Vec<PathBuf> {
     let mut found = Vec::new();
@@ -228,6 +340,19 @@ fn damaged_files_of_cells_that_are_split_are_found_or_not_needed() {
     let options = ConvertOptions {
         min_voxels: 1,
         split: Some(NeckRule::default()),
+        ..options
+    };
+    damaged_files_are_found_or_not_needed(&volume, &options);
+}
+
+#[test]
+fn damaged_files_of_cells_that_labels_give_are_found_or_not_needed() {
+    let (volume, options) = small();
+    let dims = [20, 18, 24];
+    let [_, on_demand] = given(dims, blocks(dims, 5, 3));
+    let options = ConvertOptions {
+        min_voxels: 1,
+        labels: Some(on_demand),
         ..options
     };
     damaged_files_are_found_or_not_needed(&volume, &options);

@@ -9,13 +9,13 @@ mod kept_bits;
 mod opening;
 mod split;
 
+pub use contacts::Contact;
 pub use kept_bits::KeptBits;
 pub use opening::Opening;
 pub use split::{for_blocks, metric, opening_of, split_options, splitting_bytes, write_rows};
 
 use crate::checkpoint::{Checkpointer, Marks};
 use crate::convert::cells::band::{BelowZero, CellPart, CellSettings, CellsOfBand, cells_of_band};
-use crate::convert::cells::contacts::Contact;
 use crate::convert::cells::split::{SplitCells, split_cells};
 use crate::convert::conversion::Conversion;
 use crate::convert::id_places::IdPlaces;
@@ -32,6 +32,7 @@ use crate::sys::sorted_spill::{Keyed, Sorter};
 use crate::sys::spill_file::SpillFile;
 use bytemuck::{Pod, Zeroable};
 use rayon::prelude::*;
+use std::ops::Range;
 use std::path::Path;
 use std::sync::{Arc, Mutex};
 
@@ -63,6 +64,42 @@ pub enum CellIds {
     Ranked(IdRanks),
     /// Ids without gaps, of which some are those of this part of the volume.
     Placed(IdPlaces),
+    /// Ids with gaps, of a part of the volume.
+    Listed(ListedIds),
+}
+
+/// Ids with gaps, of which some have their rows in this part of the volume: these come first.
+#[derive(Debug, Default)]
+pub struct ListedIds {
+    /// Those, by rising number.
+    pub own: Vec<u64>,
+    /// Others that have a record, by rising number.
+    pub others: Vec<u64>,
+}
+
+impl ListedIds {
+    /// The place of an id that has one.
+    pub fn of(&self, id: u64) -> u64 {
+        let other = || {
+            let place = self.others.binary_search(&id);
+            self.own.len() + place.expect("cells of a part are listed")
+        };
+        self.own.binary_search(&id).unwrap_or_else(|_| other()) as u64
+    }
+
+    /// The id in a place.
+    pub fn id(&self, place: u64) -> u64 {
+        let place = place as usize;
+        match self.own.get(place) {
+            Some(&id) => id,
+            None => self.others[place - self.own.len()],
+        }
+    }
+
+    /// How many places there are.
+    pub fn len(&self) -> u64 {
+        (self.own.len() + self.others.len()) as u64
+    }
 }
 
 impl CellIds {
@@ -71,6 +108,7 @@ impl CellIds {
         match self {
             CellIds::Ranked(ids) => ids.len(),
             CellIds::Placed(ids) => ids.len(),
+            CellIds::Listed(ids) => ids.len(),
         }
     }
 
@@ -79,6 +117,7 @@ impl CellIds {
         match self {
             CellIds::Ranked(ids) => ids.len(),
             CellIds::Placed(ids) => ids.own,
+            CellIds::Listed(ids) => ids.own.len() as u64,
         }
     }
 
@@ -87,14 +126,20 @@ impl CellIds {
         match self {
             CellIds::Ranked(ids) => ids.rank(cell).expect("cells of pieces have voxels"),
             CellIds::Placed(ids) => ids.of(cell),
+            CellIds::Listed(ids) => ids.of(cell),
         }
     }
 
-    /// The places of ids without gaps.
-    pub fn places(&self) -> &IdPlaces {
+    /// Between which ids those lie that begin in this part of the volume, or have their rows there.
+    pub fn own_ids(&self) -> Range<u64> {
         match self {
-            CellIds::Ranked(_) => panic!("ids of cells that are split have no gaps"),
-            CellIds::Placed(ids) => ids,
+            CellIds::Ranked(_) => 1..u64::MAX,
+            CellIds::Placed(ids) => ids.before + 1..ids.before + 1 + ids.own,
+            CellIds::Listed(ids) => match ids.own[..] {
+                [first, .., last] => first..last + 1,
+                [one] => one..one + 1,
+                [] => 0..0,
+            },
         }
     }
 
@@ -103,6 +148,7 @@ impl CellIds {
         match self {
             CellIds::Ranked(ids) => ids.id(place),
             CellIds::Placed(ids) => ids.id(place),
+            CellIds::Listed(ids) => ids.id(place),
         }
     }
 }
@@ -118,6 +164,8 @@ pub struct KnownCells {
     pub unlabelled: u64,
     /// Cells for each ratio in thousandths, where components were split.
     pub curve: Vec<[u64; 2]>,
+    /// Each cell with each component that it has voxels in, by rising ids; kept where there is a file for it.
+    pub pairs: Option<SpillFile>,
 }
 
 /// The cells of a volume.
@@ -174,9 +222,11 @@ pub fn cells(
     marks: &Marks,
     checkpointer: &mut Checkpointer,
 ) -> Result<Option<GivenCells>> {
-    if let Some(labels) = input.job.labels {
-        let none = labels.largest() + 1;
-        return sum_cells(input, labels.clone().with_none(none), None).map(Some);
+    if let Some(labels) = &input.job.options.labels {
+        let [.., slices] = input.job.plan.tiling.dims.0;
+        let crop = input.job.options.crop.as_ref();
+        let rows = labels.rows(crop, 0..slices, input.work, input.job.progress)?;
+        return sum_cells(input, rows, None).map(Some);
     }
     let Some(rule) = input.job.options.split else {
         return Ok(None);
@@ -191,6 +241,7 @@ pub fn cells(
         openings,
         unlabelled: 0,
         curve,
+        pairs: None,
     };
     sum_cells(input, rows, Some(known)).map(Some)
 }
@@ -204,8 +255,59 @@ pub fn sum_cells(
     rows: CellRows,
     known: Option<KnownCells>,
 ) -> Result<GivenCells> {
+    let gathered = gather(input, &rows, known.is_none())?;
+    let known = match known {
+        Some(known) => known,
+        None => KnownCells {
+            ids: CellIds::Ranked(gathered.ids.into_ranks()),
+            openings: input.merge_contacts(gathered.contacts)?,
+            unlabelled: gathered.unlabelled,
+            curve: Vec::new(),
+            pairs: None,
+        },
+    };
+    Ok(GivenCells {
+        rows,
+        known,
+        parts: gathered.parts,
+    })
+}
+
+/// Sums up the cells of a part of the volume, which others may know more of: none of them is its own, and openings are known
+/// when all parts are. Hands on where cells touch here, by rising ids.
+///
+/// # Errors
+/// As of [`cells`], and what `each` returns.
+pub fn sum_cells_of_part(
+    input: &CellsInput,
+    rows: CellRows,
+    each: impl FnMut(Contact) -> Result<()>,
+) -> Result<GivenCells> {
+    let gathered = gather(input, &rows, true)?;
+    let ids = gathered.ids.into_ranks();
+    gathered.contacts.finish_merged(Contact::merge, each)?;
+    let mut openings = SpillFile::new(input.work)?;
+    openings.mark()?;
+    let known = KnownCells {
+        ids: CellIds::Listed(ListedIds {
+            own: Vec::new(),
+            others: (0..ids.len()).map(|place| ids.id(place)).collect(),
+        }),
+        openings,
+        unlabelled: gathered.unlabelled,
+        curve: Vec::new(),
+        pairs: Some(SpillFile::new(input.work)?),
+    };
+    Ok(GivenCells {
+        rows,
+        known,
+        parts: gathered.parts,
+    })
+}
+
+/// Goes through all bands.
+fn gather(input: &CellsInput, rows: &CellRows, finds_contacts: bool) -> Result<Gathered> {
     let (job, none) = (input.job, rows.none());
-    let finds_contacts = known.is_none();
     let ([_, bands, _], layers) = (job.plan.tiling.tiles(), job.made);
     job.progress
         .begin("cells", u64::from(bands) * u64::from(layers.count()));
@@ -227,7 +329,7 @@ pub fn sum_cells(
             return Err(Error::Interrupted);
         }
         let add = |place| {
-            let (found, held) = input.band(place, &rows, finds_contacts)?;
+            let (found, held) = input.band(place, rows, finds_contacts)?;
             job.progress.advance(1);
             let added = lock(&gathered).add(found, none, finds_contacts);
             drop(held);
@@ -247,23 +349,10 @@ pub fn sum_cells(
         into_inner(left).into_iter().try_for_each(add)?;
     }
     let gathered = into_inner(gathered);
-    if let Some(found) = gathered.below_0 {
-        return Err(refused(found, &rows));
+    match gathered.below_0 {
+        Some(found) => Err(refused(found, rows)),
+        None => Ok(gathered),
     }
-    let known = match known {
-        Some(known) => known,
-        None => KnownCells {
-            ids: CellIds::Ranked(gathered.ids.into_ranks()),
-            openings: input.merge_contacts(gathered.contacts)?,
-            unlabelled: gathered.unlabelled,
-            curve: Vec::new(),
-        },
-    };
-    Ok(GivenCells {
-        rows,
-        known,
-        parts: gathered.parts,
-    })
 }
 
 /// A label that no pore may have.
@@ -340,8 +429,8 @@ impl Gathered {
             sums,
         } in found.parts
         {
-            // voxels of rows that other bands own are there, too
-            if finds_ids && sums.voxels > 0 {
+            // those of rows that other bands own are there, too: pieces of the surface begin at them
+            if finds_ids {
                 self.ids.insert(cell);
             }
             self.unlabelled += if cell == none { sums.voxels } else { 0 };

@@ -5,7 +5,7 @@ use crate::convert::label::LeftOut;
 use crate::convert::parts::directory::{Directory, Done, FileSum, each_block};
 use crate::convert::parts::rounds::{Round, Rounds};
 use crate::convert::parts::small::left_out;
-use crate::convert::parts::split::MergedCells;
+use crate::convert::parts::split::{MergedCells, MeshedPart};
 use crate::convert::parts::work::{FinishedPart, LAYERS, LabelsOfPart, tables};
 use crate::convert::totals::{dust_of, together};
 use crate::convert::warnings::{warnings, warnings_of_parts};
@@ -49,7 +49,7 @@ impl Commit<'_> {
             return Ok(made);
         }
         let made = self.make()?;
-        self.job.options.input.check()?;
+        self.job.check_inputs()?;
         let note = serde_json::to_vec(&made).expect("plain data serialises");
         output.begin_commit(&note)?;
         output.move_in()?;
@@ -84,7 +84,7 @@ impl Commit<'_> {
         let dust = dust_of(job.options, self.left_out()?);
         let (dims, threshold) = (job.plan.tiling.dims, job.options.threshold);
         let mut warnings = warnings(&totals, dims, threshold, dust);
-        let cells = job.stated_cells(0, &self.curve()?);
+        let cells = job.stated_cells(self.unlabelled()?, &self.curve()?);
         let of_parts = cells.as_ref();
         warnings.extend(of_parts.and_then(|parts| warnings_of_parts(parts, totals.cells)));
         warnings
@@ -151,8 +151,8 @@ impl Commit<'_> {
             surfaces,
             ..
         } = totals;
-        // surfaces of cells that are split are counted by cells
-        if self.job.options.split.is_none() && surfaces + 1 != objects + cells {
+        // surfaces of cells that are parts of components are counted by cells
+        if !self.job.options.has_parts() && surfaces + 1 != objects + cells {
             let found = format!("{objects} objects, {cells} cells and {surfaces} surfaces");
             let expected = "one surface less than objects and cells";
             return Err(Error::format(out, found, expected));
@@ -168,6 +168,19 @@ impl Commit<'_> {
         let round = self.rounds.number(Round::Saddles);
         let merged: Done<MergedCells> = self.directory.merged(round, 0)?;
         Ok(merged.result.curve)
+    }
+
+    /// Voxels below that labels give to no cell.
+    fn unlabelled(&self) -> Result<u64> {
+        let (directory, mesh) = (self.directory, self.rounds.number(Round::Mesh));
+        let mut sum = 0;
+        for part in 0..directory.parts() {
+            sum += directory
+                .done_by::<MeshedPart>(mesh, part)?
+                .result
+                .unlabelled;
+        }
+        Ok(sum)
     }
 
     /// What was left out as small, by all parts and between them.

@@ -9,6 +9,7 @@ use crate::convert::layers::Layers;
 use crate::convert::parts::rounds::Rounds;
 use crate::convert::parts::sealed;
 use crate::error::{Error, Result};
+use crate::labels::LabelSums;
 use crate::manifest::{PARTIAL, Region};
 use crate::sys::files::make_directory;
 use crate::sys::spill_file::{Mark, SpillFile};
@@ -21,7 +22,7 @@ use std::io::{ErrorKind, Read};
 use std::path::{Path, PathBuf};
 
 /// Counts the versions of all these files.
-pub const FORMAT: u32 = 3;
+pub const FORMAT: u32 = 4;
 
 /// What all parts are to know.
 #[derive(Debug, Clone, Serialize, Deserialize)]
@@ -51,6 +52,9 @@ pub struct Asked {
     /// The region of interest that was found.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub region: Option<Region>,
+    /// What all labels tell, if they were given.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub labels: Option<LabelSums>,
 }
 
 /// Who does a piece of work.

@@ -10,6 +10,7 @@ mod directory;
 mod handed_out;
 mod ids;
 mod join;
+mod labels;
 mod planning;
 mod records;
 mod rounds;
@@ -26,6 +27,7 @@ use crate::convert::layers::Layers;
 use crate::convert::parts::commit::Commit;
 use crate::convert::parts::directory::{Directory, Doer, Made as Left};
 use crate::convert::parts::ids::merge_ids;
+use crate::convert::parts::labels::merge_labelled;
 use crate::convert::parts::planning::identity_of;
 use crate::convert::parts::records::merge_records;
 use crate::convert::parts::rounds::{Round, Rounds};
@@ -350,6 +352,10 @@ impl Merge<'_> {
             }
             Round::Saddles => {
                 let made = merge_cells(self.job, directory, self.rounds, dir)?;
+                self.done(attempt, made)
+            }
+            Round::Mesh | Round::Finish if self.job.options.labels.is_some() => {
+                let made = merge_labelled(directory, number, dir)?;
                 self.done(attempt, made)
             }
             Round::Mesh | Round::Finish if self.job.options.split.is_some() => {

@@ -6,7 +6,7 @@ use crate::convert::layers::Layers;
 use crate::convert::parts::directory::{Asked, Directory, FORMAT, Plan};
 use crate::convert::parts::rounds::Rounds;
 use crate::convert::resume::refuse_kept;
-use crate::convert::{ConvertOptions, identity, predict, with_conversion};
+use crate::convert::{ConvertOptions, LabelRows, identity, predict, with_conversion};
 use crate::error::{Error, Result};
 use crate::manifest::MANIFEST;
 use crate::progress::Quiet;
@@ -33,8 +33,27 @@ const LOOKED_AT: u64 = 1 << 20;
 /// instead of its place some of its samples count.
 pub fn identity_of(job: &Conversion) -> Result<Identity> {
     let mut input: Stamp = job.options.input.clone();
-    input.values.retain(|(name, _)| name != "input");
-    for (name, value) in &mut input.values {
+    input.values = stamped(&input, "input");
+    input
+        .values
+        .push(("samples of the input".into(), looked_at(job.volume)?));
+    if let Some(labels) = &job.options.labels
+        && let LabelRows::OnDemand(labels) = &labels.rows
+    {
+        let values = stamped(&labels.stamp, "labels").into_iter();
+        input.values.extend(values);
+        let looked_at = looked_at(&*labels.volume)?;
+        input
+            .values
+            .push(("samples of the labels".into(), looked_at));
+    }
+    Ok(identity::of(&input, &job.asked()))
+}
+
+/// What a stamp says that is the same wherever the file is found, of the input or of what else is `named`.
+fn stamped(stamp: &Stamp, named: &str) -> Vec<(String, String)> {
+    let values = stamp.values.iter().filter(|(name, _)| name != "input");
+    let values = values.map(|(name, value)| {
         let whole = match name.as_str() {
             "last change of the input" => value
                 .split_once('.')
@@ -42,14 +61,10 @@ pub fn identity_of(job: &Conversion) -> Result<Identity> {
             "files of the input" => value.split_once(',').map(|(files, _)| files.to_owned()),
             _ => None,
         };
-        if let Some(whole) = whole {
-            *value = whole;
-        }
-    }
-    input
-        .values
-        .push(("samples of the input".into(), looked_at(job.volume)?));
-    Ok(identity::of(&input, &job.asked()))
+        let name = name.replace("the input", &format!("the {named}"));
+        (name, whole.unwrap_or_else(|| value.clone()))
+    });
+    values.collect()
 }
 
 /// A checksum of the first and the last samples of a volume.
@@ -101,14 +116,9 @@ fn refuse_tile_set(out: &Path) -> Result<()> {
 
 /// Refuses what is not converted in parts.
 fn check(volume: &dyn Volume, options: &ConvertOptions) -> Result<()> {
-    let given = [
-        ("--labels", options.labels.is_some()),
-        ("--walls", options.walls),
-    ];
-    if let Some((option, _)) = given.into_iter().find(|(_, given)| *given) {
-        let expected = "neither --labels nor --walls: cells that are given, and walls between cells, are found in one \
-                        process";
-        return Err(Error::usage(option, "it with a plan", expected)
+    if options.walls {
+        let expected = "no --walls: walls between cells are found in one process";
+        return Err(Error::usage("--walls", "it with a plan", expected)
             .with_hint("`alvis convert` does it on one machine"));
     }
     if !volume.random_access() {

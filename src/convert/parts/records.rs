@@ -120,7 +120,8 @@ pub fn sum_of(path: &str, mark: Mark) -> FileSum {
     }
 }
 
-/// Writes the records of a part in a table of this name: those in its own places, and those of ids that others have, too.
+/// Writes the records of a part in a table of this name: those in its own places, the first ones, and those of ids that
+/// others have, too.
 ///
 /// # Errors
 /// [`crate::Error::Io`], and what `record` returns.
@@ -128,22 +129,27 @@ pub fn write_table<S: Shared>(
     dir: &Path,
     name: &str,
     record: impl Fn(u64) -> Result<S::Record>,
-    places: &IdPlaces,
+    (own, place_of): (u64, impl Fn(u64) -> u64),
     shared: &[u64],
 ) -> Result<[FileSum; 2]> {
     let path = own_file(name);
     let mut file = SpillFile::create(&dir.join(&path))?;
-    for place in 0..places.own {
+    for place in 0..own {
         file.push(&[record(place)?])?;
     }
     let own = sum_of(&path, file.mark()?);
     let path = shared_file(name);
     let mut file = SpillFile::create(&dir.join(&path))?;
     for &id in shared {
-        let record = record(places.of(id))?;
+        let record = record(place_of(id))?;
         file.push(&[S::new(record, [id, 0])])?;
     }
     Ok([own, sum_of(&path, file.mark()?)])
+}
+
+/// How many ids are a part's own, and where the record of each lies.
+pub fn in_places(places: &IdPlaces) -> (u64, impl Fn(u64) -> u64 + '_) {
+    (places.own, |id| places.of(id))
 }
 
 /// Writes the records of a part, of which `shared` lists the ids that lie in others, too.
@@ -163,13 +169,14 @@ pub fn write_records(
         ..
     } = components;
     let of = |place| objects.get(place);
-    let objects =
-        write_table::<SharedComponent>(dir, OBJECTS, of, &places.objects, &shared.objects);
+    let placed = in_places(&places.objects);
+    let objects = write_table::<SharedComponent>(dir, OBJECTS, of, placed, &shared.objects);
     let of = |place| cells.get(place);
-    let cells = write_table::<SharedComponent>(dir, CELLS, of, &places.cells, &shared.cells);
+    let placed = in_places(&places.cells);
+    let cells = write_table::<SharedComponent>(dir, CELLS, of, placed, &shared.cells);
     let of = |place| surfaces.get(place);
-    let surfaces =
-        write_table::<SharedSurface>(dir, SURFACES, of, &places.surfaces, &shared.surfaces);
+    let placed = in_places(&places.surfaces);
+    let surfaces = write_table::<SharedSurface>(dir, SURFACES, of, placed, &shared.surfaces);
     Ok([objects?, cells?, surfaces?].concat())
 }
 
@@ -180,7 +187,7 @@ pub fn write_records(
 /// [`crate::Error::Io`]; [`crate::Error::Format`] if a file is damaged; what `set` returns.
 pub fn read_table<S: Shared, A, B>(
     name: &str,
-    places: &IdPlaces,
+    place_of: impl Fn(u64) -> u64,
     done: &Done<A>,
     (merged, part): (&Done<B>, u32),
     mut set: impl FnMut(u64, S::Record) -> Result<()>,
@@ -194,7 +201,7 @@ pub fn read_table<S: Shared, A, B>(
     let others = merged.spool(&merged_file(name, part))?;
     others.each(|shared: S| {
         let [_, id] = shared.key();
-        set(places.of(id), shared.record())
+        set(place_of(id), shared.record())
     })
 }
 
@@ -222,11 +229,11 @@ pub fn read_records<A, B>(
     } = empty;
     let merged = (merged, part);
     let set = setter(&mut objects);
-    read_table::<SharedComponent, _, _>(OBJECTS, &places.objects, done, merged, set)?;
+    read_table::<SharedComponent, _, _>(OBJECTS, |id| places.objects.of(id), done, merged, set)?;
     let set = setter(&mut cells);
-    read_table::<SharedComponent, _, _>(CELLS, &places.cells, done, merged, set)?;
+    read_table::<SharedComponent, _, _>(CELLS, |id| places.cells.of(id), done, merged, set)?;
     let set = setter(&mut surfaces);
-    read_table::<SharedSurface, _, _>(SURFACES, &places.surfaces, done, merged, set)?;
+    read_table::<SharedSurface, _, _>(SURFACES, |id| places.surfaces.of(id), done, merged, set)?;
     Ok(Components {
         objects,
         cells,
@@ -269,9 +276,25 @@ pub fn merge_table<S: Shared>(
     dir: &Path,
     name: &str,
 ) -> Result<Vec<FileSum>> {
+    merge_table_with(by_id, parts, dir, name, |_, _| Ok(()))
+}
+
+/// The same; `each` is told of all ids and what their records add up to.
+///
+/// # Errors
+/// [`crate::Error::Io`], and what `each` returns.
+pub fn merge_table_with<S: Shared>(
+    by_id: Sorter<S>,
+    parts: u32,
+    dir: &Path,
+    name: &str,
+    mut each: impl FnMut(u64, &S::Record) -> Result<()>,
+) -> Result<Vec<FileSum>> {
     let mut by_part = Sorter::<S>::new(dir, ROOM)?;
     let mut at_hand: Option<(u64, S::Record, Vec<u64>)> = None;
-    let mut hand_out = |(id, record, parts): (u64, S::Record, Vec<u64>)| {
+    let mut hand_out = |(id, record, mut parts): (u64, S::Record, Vec<u64>)| {
+        each(id, &record)?;
+        parts.dedup();
         let parts = parts.into_iter().filter(|&part| part != NO_PART);
         parts
             .into_iter()

@@ -12,12 +12,11 @@ use crate::convert::memory::{SLABS, TABLES};
 use crate::convert::mesh::{MeshInput, MeshOutput, mesh};
 use crate::convert::parts::directory::{Attempt, Directory, Doer, Done, FileSum, Made};
 use crate::convert::parts::ids::{IdsOfPart, open_labels};
+use crate::convert::parts::labels::write_pairs;
 use crate::convert::parts::records::{read_records, write_records};
 use crate::convert::parts::rounds::{Round, Rounds};
 use crate::convert::parts::small::small_beyond;
-use crate::convert::parts::split::{
-    CellsToMesh, MeshedPart, read_cells, write_columns, write_meshed,
-};
+use crate::convert::parts::split::{CellsToMesh, MeshedPart, write_columns, write_meshed};
 use crate::convert::resolve::{Each, resolve};
 use crate::convert::tables::write_tables;
 use crate::convert::totals::ScannedSums;
@@ -45,9 +44,9 @@ const CSV: [&str; 3] = ["cells.csv", "objects.csv", "surfaces.csv"];
 
 /// The tables of a conversion.
 pub fn tables(options: &ConvertOptions) -> Vec<&'static str> {
-    let more: &[&str] = match options.split {
-        Some(_) => &[COMPONENTS, NECKS],
-        None => &[],
+    let more: &[&str] = match options.has_parts() {
+        true => &[COMPONENTS, NECKS],
+        false => &[],
     };
     [&CSV, more].concat()
 }
@@ -136,7 +135,7 @@ impl PartWork<'_> {
         mut checkpointer: Checkpointer,
         made: Made<T>,
     ) -> Result<()> {
-        self.job.options.input.check()?;
+        self.job.check_inputs()?;
         checkpointer.disk().finish()?;
         drop(checkpointer);
         self.directory.finish(attempt, made).map(|_| ())
@@ -233,9 +232,7 @@ impl PartWork<'_> {
             kept: &labelled.bands,
             ids: &resolved.bands,
         };
-        let cells = job.options.split;
-        let cells = cells.map(|rule| self.cells_to_mesh(rule, known, &memory, work));
-        let cells = cells.transpose()?;
+        let cells = self.given_cells(known, &memory, work)?;
         let meshed = read_twice(job, work, |volume, _| {
             let input = MeshInput {
                 job,
@@ -269,6 +266,22 @@ impl PartWork<'_> {
         self.done(attempt, checkpointer, made)
     }
 
+    /// The cells of the part, where they are parts of components.
+    fn given_cells(
+        &self,
+        known: KnownBands,
+        memory: &Arc<MemoryPool>,
+        work: &Path,
+    ) -> Result<Option<CellsToMesh>> {
+        let options = self.job.options;
+        match (&options.labels, options.split) {
+            (Some(labels), _) => self.labelled_cells(labels, known, memory, work),
+            (None, Some(rule)) => self.cells_to_mesh(rule, known, memory, work),
+            (None, None) => return Ok(None),
+        }
+        .map(Some)
+    }
+
     /// Sums up what was found of components, surfaces and cells, and writes it.
     fn records(
         &self,
@@ -284,9 +297,13 @@ impl PartWork<'_> {
             return Ok((files, MeshedPart::default()));
         };
         let mut components = sum_up(input, Some(cells.given), memory, work)?;
+        let mut files = cells.files;
         let (part, made) = (self.part, &mut components);
+        if self.job.options.labels.is_some() {
+            files.push(write_pairs(made, &shared.cells, work)?);
+        }
         let (records, result) = write_meshed(work, part, made, shared, &cells.shared)?;
-        Ok(([cells.files, records].concat(), result))
+        Ok(([files, records].concat(), result))
     }
 
     /// What the whole volume knows of the part's components, surfaces and cells, when it is meshed.
@@ -298,9 +315,13 @@ impl PartWork<'_> {
     ) -> Result<Components> {
         let (directory, part) = (self.directory, self.part);
         let round = self.rounds.number(Round::Mesh);
+        if self.job.options.labels.is_some() {
+            let merged = directory.merged(round, part)?;
+            return self.labelled_components(places, done, &merged, work);
+        }
         if self.job.options.split.is_some() {
             let merged = directory.merged(round, part)?;
-            return read_cells(self, places, done, &merged, work);
+            return self.split_components(places, done, &merged, work);
         }
         let empty = Components::none_yet(places, self.job.plan.tables(), work)?;
         read_records(empty, done, &directory.merged::<()>(round, part)?, part)

@@ -7,6 +7,7 @@ use crate::convert::parts::directory::{Attempt, Directory, Done, FileSum, Made};
 use crate::convert::parts::records::sum_of;
 use crate::convert::parts::rounds::{Round, Rounds};
 use crate::convert::parts::split::basins::{MergedBasins, metric_of};
+use crate::convert::parts::split::surfaces::CellOwners;
 use crate::convert::parts::work::PartWork;
 use crate::error::{Error, Result};
 use crate::labels::{ProvisionalLabels, Ranks};
@@ -38,17 +39,10 @@ struct SaddlesOfPart {
 pub struct MergedCells {
     /// How many bits there are of names.
     bits: u64,
-    /// Cells that begin in parts before each part; at last, all cells.
-    pub before: Vec<u64>,
+    /// The parts in which they begin: ids have no gaps.
+    pub owners: CellOwners,
     /// Cells at each ratio of the curve, in thousandths.
     pub curve: Vec<[u64; 2]>,
-}
-
-impl MergedCells {
-    /// The part in which a cell begins.
-    pub fn part_of(&self, cell: u64) -> u64 {
-        self.before.partition_point(|&before| before < cell) as u64 - 1
-    }
 }
 
 /// The cells of a part.
@@ -193,7 +187,7 @@ fn shared(told: &[(u64, u64)]) -> Vec<u64> {
 }
 
 fn places_of(merged: &MergedCells, part: u32, told: &[(u64, u64)]) -> IdPlaces {
-    let [before, end] = [0, 1].map(|more| merged.before[part as usize + more]);
+    let [before, end] = [0, 1].map(|more| merged.owners.before[part as usize + more]);
     let mut places = IdPlaces {
         before,
         own: end - before,
@@ -255,7 +249,10 @@ pub fn merge_cells(
         files,
         result: MergedCells {
             bits,
-            before,
+            owners: CellOwners {
+                before,
+                begin_there: true,
+            },
             curve: curve
                 .iter()
                 .map(|&(permille, cells)| [permille.into(), cells])

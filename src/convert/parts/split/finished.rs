@@ -19,6 +19,31 @@ use crate::error::Result;
 use crate::measure::RecordTable;
 use std::path::Path;
 
+impl PartWork<'_> {
+    /// The records of a part whose cells were split, see [`read_cells`].
+    ///
+    /// # Errors
+    /// As of [`read_cells`].
+    pub fn split_components(
+        &self,
+        places: Each<IdPlaces>,
+        done: &Done<MeshedPart>,
+        merged: &Done<MergedRecords>,
+        dir: &Path,
+    ) -> Result<Components> {
+        let (of_cells, curve) = self.cell_places()?;
+        let handed = merged.spool(&merged_file(NECKS, self.part))?;
+        let cells = KnownCells {
+            ids: CellIds::Placed(of_cells),
+            openings: read_openings(self.job, [done.spool(NECKS)?, handed], dir)?,
+            unlabelled: 0,
+            curve,
+            pairs: None,
+        };
+        read_cells(self, places, (done, merged), cells, dir)
+    }
+}
+
 /// Reads the records of a part back, those of what lies in several parts as they are of the whole volume. `places` are those
 /// of objects and of components.
 ///
@@ -27,31 +52,30 @@ use std::path::Path;
 pub fn read_cells(
     work: &PartWork,
     places: Each<IdPlaces>,
-    done: &Done<MeshedPart>,
-    merged: &Done<MergedRecords>,
+    (done, merged): (&Done<MeshedPart>, &Done<MergedRecords>),
+    known: KnownCells,
     dir: &Path,
 ) -> Result<Components> {
     let (job, part) = (work.job, work.part);
     let of_each = FOR_EACH_TABLE.of(job.plan.tables());
     let handed = (merged, part);
     let mut objects = RecordTable::new(places.objects.len(), of_each, dir)?;
-    let set = setter(&mut objects);
-    read_table::<SharedComponent, _, _>(OBJECTS, &places.objects, done, handed, set)?;
+    let (of, set) = (|id| places.objects.of(id), setter(&mut objects));
+    read_table::<SharedComponent, _, _>(OBJECTS, of, done, handed, set)?;
     let mut components = RecordTable::new(places.cells.len(), of_each, dir)?;
-    let set = setter(&mut components);
-    read_table::<SharedComponent, _, _>(COMPONENTS, &places.cells, done, handed, set)?;
-    let (of_cells, curve) = work.cell_places()?;
-    let mut cells = RecordTable::new(of_cells.len(), of_each, dir)?;
-    let mut parts = RecordTable::new(of_cells.len(), of_each, dir)?;
-    let set = |place, CellRecord { record, part, .. }| {
+    let (of, set) = (|id| places.cells.of(id), setter(&mut components));
+    read_table::<SharedComponent, _, _>(COMPONENTS, of, done, handed, set)?;
+    let ids = &known.ids;
+    let mut cells = RecordTable::new(ids.len(), of_each, dir)?;
+    let mut parts = RecordTable::new(ids.len(), of_each, dir)?;
+    let set = |place, CellRecord { record, part }| {
         cells.update(place, |own| *own = record)?;
         parts.update(place, |own| *own = part)
     };
-    read_table::<SharedCell, _, _>(CELLS, &of_cells, done, handed, set)?;
+    read_table::<SharedCell, _, _>(CELLS, |id| ids.place(id), done, handed, set)?;
     let before = &merged.result.surfaces_before;
     let range = [0, 1].map(|more| before[part as usize + more]);
     let (surfaces, of_surfaces) = read_surfaces(done, merged, part, range, (of_each, dir))?;
-    let necks = [done.spool(NECKS)?, merged.spool(&merged_file(NECKS, part))?];
     let mut made = Components {
         objects,
         cells,
@@ -63,12 +87,7 @@ pub fn read_cells(
         },
         has_titles: part == 0,
         given: Some(Given {
-            cells: KnownCells {
-                ids: CellIds::Placed(of_cells),
-                openings: read_openings(job, necks, dir)?,
-                unlabelled: 0,
-                curve,
-            },
+            cells: known,
             components,
             places: places.cells,
             parts,

@@ -8,7 +8,7 @@ use crate::convert::parts::rounds::{Round, Rounds};
 use crate::convert::parts::split::cells::MergedCells;
 use crate::convert::parts::split::meshed::{CELLS, COMPONENTS, CellRecord, OBJECTS, SharedCell};
 use crate::convert::parts::split::necks::merge_necks;
-use crate::convert::parts::split::surfaces::merge_surfaces;
+use crate::convert::parts::split::surfaces::{CellOwners, merge_surfaces};
 use crate::error::Result;
 use crate::measure::ComponentRecord;
 use bytemuck::Zeroable;
@@ -18,8 +18,10 @@ use std::path::Path;
 /// What came of joining records.
 #[derive(Debug, Clone, Serialize, Deserialize)]
 pub struct MergedRecords {
-    /// Surfaces of cells that begin in parts before each part; at last, all of them.
+    /// Surfaces of cells that parts before each part own; at last, all of them.
     pub surfaces_before: Vec<u64>,
+    /// Which cells each part owns.
+    pub owners: CellOwners,
 }
 
 /// Adds up the records of all that lies in several parts.
@@ -45,7 +47,7 @@ pub fn merge_split_records(
         let record = CellRecord::new(one_surface, PartRecord::default());
         cells.push(SharedCell::new(record, [cell, NO_PART]))
     };
-    let surfaces = merge_surfaces(directory, round, &known.result, dir, &mut count)?;
+    let surfaces = merge_surfaces(directory, round, &known.result.owners, dir, &mut count)?;
     let necks = merge_necks(job, directory, round, &known, dir, |opening| {
         let mut part = PartRecord::default();
         part.largest_neck = opening.radius;
@@ -67,6 +69,7 @@ pub fn merge_split_records(
         files: files.concat(),
         result: MergedRecords {
             surfaces_before: surfaces.before,
+            owners: known.result.owners,
         },
     })
 }

@@ -4,7 +4,7 @@ use crate::convert::cells::{CellIds, CellsInput, GivenCells, KnownCells, sum_cel
 use crate::convert::components::{Components, PartRecord};
 use crate::convert::known_band::KnownBands;
 use crate::convert::parts::directory::FileSum;
-use crate::convert::parts::records::{Shared, SharedComponent, write_table};
+use crate::convert::parts::records::{Shared, SharedComponent, in_places, write_table};
 use crate::convert::parts::split::columns::own_slices;
 use crate::convert::parts::split::necks::write_necks;
 use crate::convert::parts::split::surfaces::write_surfaces;
@@ -28,11 +28,15 @@ pub const COMPONENTS: &str = "components";
 /// See [`OBJECTS`].
 pub const CELLS: &str = "cells";
 
+const GIVEN: &str = "cells that are parts of components";
+
 /// What meshing a part has found.
 #[derive(Debug, Clone, Copy, Default, Serialize, Deserialize)]
 pub struct MeshedPart {
     /// Surfaces of cells that begin in the part, where cells are split.
     pub surfaces: u64,
+    /// Voxels below of the part that labels give to no cell.
+    pub unlabelled: u64,
 }
 
 /// All that is known of a cell.
@@ -43,17 +47,12 @@ pub struct CellRecord {
     pub record: ComponentRecord,
     /// What more is known of it.
     pub part: PartRecord,
-    reserved: u64,
 }
 
 impl CellRecord {
     /// Of these.
     pub fn new(record: ComponentRecord, part: PartRecord) -> Self {
-        CellRecord {
-            record,
-            part,
-            reserved: 0,
-        }
+        CellRecord { record, part }
     }
 }
 
@@ -130,6 +129,7 @@ impl PartWork<'_> {
             openings,
             unlabelled: 0,
             curve: cells.curve,
+            pairs: None,
         };
         Ok(CellsToMesh {
             given: sum_cells(&input, rows.finish()?, Some(known))?,
@@ -151,10 +151,10 @@ pub fn write_meshed(
     shared: &Each<Vec<u64>>,
     cells: &[u64],
 ) -> Result<(Vec<FileSum>, MeshedPart)> {
-    let given = components.given.as_ref().expect("cells that are split");
-    let places = given.cells.ids.places().clone();
+    let given = components.given.as_ref().expect(GIVEN);
+    let own = given.cells.ids.own_ids();
     let both = [&shared.objects[..], cells];
-    let (mut files, surfaces) = write_surfaces(components, part, both, &places, dir)?;
+    let (mut files, surfaces) = write_surfaces(components, part, both, own, dir)?;
     let Components {
         objects,
         cells: table,
@@ -162,18 +162,24 @@ pub fn write_meshed(
         given,
         ..
     } = &*components;
-    let given = given.as_ref().expect("cells that are split");
+    let given = given.as_ref().expect(GIVEN);
     let of = |place| objects.get(place);
-    let (own, others) = (&of_ids.objects, &shared.objects);
-    files.extend(write_table::<SharedComponent>(
-        dir, OBJECTS, of, own, others,
-    )?);
+    let (placed, others) = (in_places(&of_ids.objects), &shared.objects);
+    let objects = write_table::<SharedComponent>(dir, OBJECTS, of, placed, others)?;
     let of = |place| given.components.get(place);
-    let (own, others) = (&given.places, &shared.cells);
-    files.extend(write_table::<SharedComponent>(
-        dir, COMPONENTS, of, own, others,
-    )?);
+    let (placed, others) = (in_places(&given.places), &shared.cells);
+    let components = write_table::<SharedComponent>(dir, COMPONENTS, of, placed, others)?;
     let of = |place| Ok(CellRecord::new(table.get(place)?, given.parts.get(place)?));
-    files.extend(write_table::<SharedCell>(dir, CELLS, of, &places, cells)?);
-    Ok((files, MeshedPart { surfaces }))
+    let ids = &given.cells.ids;
+    let placed = (ids.own(), |id| ids.place(id));
+    let table = write_table::<SharedCell>(dir, CELLS, of, placed, cells)?;
+    files.extend([objects, components, table].concat());
+    let unlabelled = given.cells.unlabelled;
+    Ok((
+        files,
+        MeshedPart {
+            surfaces,
+            unlabelled,
+        },
+    ))
 }

@@ -1,4 +1,5 @@
-//! Cells that are split at their necks, in parts of a volume.
+//! Cells that are split at their necks, in parts of a volume. What joins records and surfaces, and what a part knows of these
+//! when it is finished, serves cells that labels give, too.
 //!
 //! | file | what it is |
 //! |---|---|
@@ -20,7 +21,10 @@ mod surfaces;
 
 pub use basins::merge_basins;
 pub use cells::{MergedCells, merge_cells};
-pub use columns::write_columns;
+pub use columns::{own_slices, write_columns};
 pub use finished::read_cells;
-pub use join_records::merge_split_records;
-pub use meshed::{CellsToMesh, MeshedPart, write_meshed};
+pub use join_records::{MergedRecords, merge_split_records};
+pub use meshed::{
+    CELLS, COMPONENTS, CellRecord, CellsToMesh, MeshedPart, OBJECTS, SharedCell, write_meshed,
+};
+pub use surfaces::{CellOwners, merge_surfaces};

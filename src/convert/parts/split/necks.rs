@@ -134,7 +134,7 @@ pub fn merge_necks(
         if counted == 0 {
             count(&to_opening.opening(&neck))?;
         }
-        files.go_on_to(cells.result.part_of(neck.cells[0]) as u32)?;
+        files.go_on_to(cells.result.owners.part_of(neck.cells[0]) as u32)?;
         files.push(&neck)
     })?;
     files.finish(directory.parts())

@@ -7,13 +7,14 @@ use crate::convert::parts::directory::{Directory, Done, FileSum};
 use crate::convert::parts::records::{
     Shared, SharedSurface, hand_out_table, merged_file, own_file, shared_file, sum_of,
 };
-use crate::convert::parts::split::cells::MergedCells;
 use crate::convert::parts::split::meshed::MeshedPart;
 use crate::error::{Error, Result};
 use crate::measure::{RecordTable, SurfaceRecord};
 use crate::sys::sorted_spill::{Keyed, Sorter};
 use crate::sys::spill_file::SpillFile;
 use bytemuck::{Pod, Zeroable};
+use serde::{Deserialize, Serialize};
+use std::ops::Range;
 use std::path::Path;
 
 /// The table.
@@ -41,8 +42,9 @@ impl Keyed for Piece {
     }
 }
 
-/// Writes the surfaces of a part, of which `shared` lists the objects and the cells that may lie in others. Those that other
-/// parts may count are not counted any more. Returns the files, and how many surfaces there are of cells that begin here.
+/// Writes the surfaces of a part, of which `shared` lists the objects and the cells that may lie in others; `own_cells` begin
+/// here. Those that other parts may count are not counted any more. Returns the files, and how many surfaces there are of
+/// cells that begin here.
 ///
 /// # Errors
 /// [`Error::Io`].
@@ -50,14 +52,17 @@ pub fn write_surfaces(
     components: &mut Components,
     part: u32,
     shared: [&[u64]; 2],
-    places: &IdPlaces,
+    own_cells: Range<u64>,
     dir: &Path,
 ) -> Result<(Vec<FileSum>, u64)> {
     let [objects, cells] = shared;
     let (own_name, shared_name) = (own_file(SURFACES), shared_file(SURFACES));
     let mut own = SpillFile::create(&dir.join(&own_name))?;
     let mut pieces = SpillFile::create(&dir.join(&shared_name))?;
-    let mut begin = cells.iter().filter(|&&cell| places.is_own(cell)).peekable();
+    let mut begin = cells
+        .iter()
+        .filter(|&cell| own_cells.contains(cell))
+        .peekable();
     let mut rank = 0;
     let piece = |record, rank, counted: bool| Piece {
         record,
@@ -91,7 +96,7 @@ pub fn write_surfaces(
         } else {
             own.push(&[record])?;
         }
-        rank += u64::from(places.is_own(cell));
+        rank += u64::from(own_cells.contains(&cell));
     }
     for &cell in begin {
         pieces.push(&[start(cell, rank)])?;
@@ -103,6 +108,27 @@ pub fn write_surfaces(
     Ok((files, rank))
 }
 
+/// Which part has the rows of each cell, and of its surfaces and openings.
+#[derive(Debug, Clone, Serialize, Deserialize)]
+pub struct CellOwners {
+    /// The largest cell that parts before each part own; at last, the largest of all.
+    pub before: Vec<u64>,
+    /// True if each cell begins in its part, which has numbered the surfaces that it knows of.
+    pub begin_there: bool,
+}
+
+impl CellOwners {
+    /// The part of a cell.
+    pub fn part_of(&self, cell: u64) -> u64 {
+        self.before.partition_point(|&before| before < cell) as u64 - 1
+    }
+
+    /// True if the owner of a surface's cell is one of the parts that have found the surface, and has numbered it.
+    fn has_numbered(&self, parts: &[u64], owner: u64) -> bool {
+        self.begin_there && parts.contains(&owner)
+    }
+}
+
 /// What came of joining surfaces.
 pub struct MergedSurfaces {
     /// What each part is handed.
@@ -111,14 +137,15 @@ pub struct MergedSurfaces {
     pub before: Vec<u64>,
 }
 
-/// Joins the surfaces of all parts and numbers them. `count` is told cell and object of those that no part has counted.
+/// Joins the surfaces of all parts and numbers them, those of each cell in the part that owns it. `count` is told cell and
+/// object of those that no part has counted.
 ///
 /// # Errors
 /// [`Error::Io`]; [`Error::Format`] if a file is damaged.
 pub fn merge_surfaces(
     directory: &Directory,
     round: u32,
-    cells: &MergedCells,
+    owners: &CellOwners,
     dir: &Path,
     count: &mut dyn FnMut(u64, u64) -> Result<()>,
 ) -> Result<MergedSurfaces> {
@@ -135,8 +162,8 @@ pub fn merge_surfaces(
     sorter.finish(|piece| sorted.push(&[piece]).map(|_| ()))?;
     sorted.mark()?;
     each_surface(&sorted, |surface| {
-        let owner = cells.part_of(surface.record.cell);
-        added[owner as usize] += u64::from(!surface.parts.contains(&owner));
+        let owner = owners.part_of(surface.record.cell);
+        added[owner as usize] += u64::from(!owners.has_numbered(&surface.parts, owner));
         Ok(())
     })?;
     let mut before = vec![0];
@@ -146,13 +173,13 @@ pub fn merge_surfaces(
     let mut by_part = Sorter::<SharedSurface>::new(dir, ROOM)?;
     let mut numbers = Numbers::default();
     each_surface(&sorted, |mut surface| {
-        let owner = cells.part_of(surface.record.cell);
+        let owner = owners.part_of(surface.record.cell);
         let misfit = || {
             let found = format!("no first surface of cell {}", surface.record.cell);
             let expected = format!("one that part {owner} has told");
             Error::format(&directory.out, found, expected)
         };
-        let rank = numbers.rank(&surface, owner).ok_or_else(misfit)?;
+        let rank = numbers.rank(&surface, owners).ok_or_else(misfit)?;
         if surface.record.object == 0 {
             return Ok(());
         }
@@ -188,7 +215,8 @@ struct Numbers {
 
 impl Numbers {
     /// How many come before a surface; `None` if the part has told nothing of its cell.
-    fn rank(&mut self, surface: &Surface, owner: u64) -> Option<u64> {
+    fn rank(&mut self, surface: &Surface, owners: &CellOwners) -> Option<u64> {
+        let owner = owners.part_of(surface.record.cell);
         if self.owner != owner {
             (self.owner, self.added) = (owner, 0);
         }
@@ -196,11 +224,11 @@ impl Numbers {
             (self.cell, self.known) = (surface.record.cell, surface.rank);
             return Some(surface.rank);
         }
-        if self.cell != surface.record.cell {
+        if owners.begin_there && self.cell != surface.record.cell {
             return None;
         }
         let rank = self.known + self.added;
-        match surface.parts.contains(&owner) {
+        match owners.has_numbered(&surface.parts, owner) {
             true => self.known += 1,
             false => self.added += 1,
         }
