@@ -94,6 +94,14 @@ impl Labels {
         }
     }
 
+    /// The most memory that they take while they are read by slices, in bytes.
+    pub(super) fn held_bytes(&self) -> u64 {
+        match &self.rows {
+            LabelRows::Read(_) => 0,
+            LabelRows::OnDemand(labels) => labels.volume.held_bytes(),
+        }
+    }
+
     /// Refuses labels that were changed since they were opened.
     ///
     /// # Errors

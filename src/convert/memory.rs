@@ -14,7 +14,7 @@
 //!
 //! All of them take it from one pool. What does not fit alone is [`crate::Error::TooDense`], which lists who has what.
 
-use crate::convert::ConvertOptions;
+use crate::convert::{ConvertOptions, Labels};
 use crate::grid::{Dims, Tiling};
 use crate::labels::Span;
 use crate::manifest::Layout;
@@ -156,6 +156,7 @@ impl Cost {
         Cost {
             program: PROGRAM_BYTES
                 + volume.held_bytes()
+                + options.labels.as_ref().map_or(0, Labels::held_bytes)
                 + unpacking
                 + 2 * volume.mapped_bytes(slices),
             slabs: slabs as u64,

@@ -1,9 +1,10 @@
 //! Cells that labels give: whole trees of files, of many volumes. Parts read the labels of their own slices.
 
 use super::bytes::{cropped_cylinders, helix, sparse};
-use super::in_parts;
+use super::{in_parts, plan};
 use crate::common::volumes::{Random, foam, late_joins, placed, samples, volume};
 use crate::common::{assert_same_files, converted, files, options};
+use alvis::convert::parts::{Merged, merge_parts, work_on_part};
 use alvis::convert::{CellRows, ConvertOptions, LabelRows, LabelSums, LabelVolume, Labels};
 use alvis::grid::{Ambiguous, Dims, Placement};
 use alvis::manifest::{Encoding, Layout, PartsBy};
@@ -90,24 +91,23 @@ fn two_parts_of_a_labelled_foam_are_the_single_run() {
 
 #[test]
 fn parts_of_labelled_foams_are_the_single_run() {
-    let dims = [40, 37, 60];
+    let dims = [30, 27, 44];
     let volume = placed(dims, foam(dims, 4));
-    for ambiguous in [Ambiguous::Separate, Ambiguous::Join] {
-        let options = ConvertOptions {
-            ambiguous,
-            ..options([16, 9, 7])
-        };
-        for (labels, what) in [
-            (blocks(dims, 5, 2), "blocks"),
-            (blocks(dims, 17, 3), "large blocks"),
-            (scattered(dims, 4), "scattered"),
-            (samples(dims, |[_, _, z]| 60 - z), "slices, from above"),
-            (samples(dims, |[x, ..]| x / 9 + 1), "columns"),
-            (samples(dims, |_| 5), "all one"),
-        ] {
-            same_in_parts(&volume, labels, &options, what);
-        }
+    let options = options([16, 9, 6]);
+    for (labels, what) in [
+        (blocks(dims, 5, 2), "blocks"),
+        (scattered(dims, 4), "scattered"),
+        (samples(dims, |[_, _, z]| 60 - z), "slices, from above"),
+        (samples(dims, |[x, ..]| x / 9 + 1), "columns"),
+        (samples(dims, |_| 5), "all one"),
+    ] {
+        same_in_parts(&volume, labels, &options, what);
     }
+    let join = ConvertOptions {
+        ambiguous: Ambiguous::Join,
+        ..options
+    };
+    same_in_parts(&volume, blocks(dims, 17, 3), &join, "large blocks");
 }
 
 #[test]
@@ -230,4 +230,52 @@ fn voxels_in_no_cell_are_counted_over_all_parts() {
     );
     let made = in_parts(&volume, &options, 4);
     assert_same_files(&files(whole.path()), &made, "in no cell");
+}
+
+#[test]
+fn a_pore_with_a_label_below_0_is_refused_by_its_part() {
+    let dims = [20, 18, 24];
+    let volume = placed(dims, foam(dims, 9));
+    let mut labels = vec![1i16; 20 * 18 * 24];
+    let mut values = vec![0; labels.len()];
+    volume.read_box(0..20, 0..18, 0..24, &mut values).unwrap();
+    let (pore, wall) = (20 * 18 * 15, 20 * 18 * 3);
+    let at = |first: usize, below: bool| {
+        first
+            + values[first..]
+                .iter()
+                .position(|&v| (v < 128) == below)
+                .unwrap()
+    };
+    let (pore, wall) = (at(pore, true), at(wall, false));
+    (labels[pore], labels[wall]) = (-3, -4);
+    let [read, _] = given(dims, vec![1; labels.len()]);
+    let labels = LabelVolume {
+        volume: Arc::new(MemoryVolume::new(Dims(dims), Placement::default(), labels).unwrap()),
+        largest: 1,
+        stamp: Default::default(),
+    };
+    let options = ConvertOptions {
+        labels: Some(Labels {
+            rows: LabelRows::OnDemand(Box::new(labels)),
+            ..read
+        }),
+        ..options([8, 8, 6])
+    };
+    let dir = tempfile::tempdir().unwrap();
+    let out = dir.path();
+    plan(&volume, &options, out, 4);
+    let work = |part| work_on_part(&volume, &options, out, part, &Quiet);
+    (0..4).for_each(|part| work(part).unwrap());
+    assert!(matches!(
+        merge_parts(&volume, &options, out, &Quiet),
+        Ok(Merged::ToRun("mesh", _))
+    ));
+    work(0).unwrap();
+    let refused = work(2).unwrap_err().to_string();
+    let place = [pore % 20, pore / 20 % 18, pore / 360]
+        .map(|v| v.to_string())
+        .join(", ");
+    let expected = format!("label -3 at voxel {place}, which is below");
+    assert!(refused.contains(&expected), "{refused}");
 }
