@@ -2,24 +2,34 @@
 
 use crate::cli::input::{check_read, open_beside};
 use crate::cli::same_place::{parts_of_other, same_place};
-use crate::convert::{CellRows, Labels};
+use crate::convert::{CellRows, Labels, check_read_beside};
 use crate::error::{Error, Result};
 use crate::grid::{Dims, Dtype, Endian, Frame};
 use crate::progress::Progress;
-use crate::volume::{self, Header, Headerless, OpenOptions, Opened, Stamp, file_name};
+use crate::volume::{self, Headerless, OpenOptions, Opened, Stamp, Volume, file_name};
 use std::path::Path;
 
-/// Opens and reads the labels of the voxels of a volume, which lies in this world.
+/// Opens and reads the labels of the voxels of a volume, which lies in this world, in at most so many bytes of memory.
 ///
 /// # Errors
-/// Those of opening a volume and of [`CellRows::of_labels`]; [`Error::InputChanged`].
+/// Those of opening a volume and of [`CellRows::of_labels`]; [`Error::InputChanged`]; [`Error::Memory`].
 pub fn read_labels(
     path: &Path,
-    (header, frame): (&Header, Frame),
+    (volume, frame): (&dyn Volume, Frame),
+    memory: u64,
     progress: &dyn Progress,
 ) -> Result<Labels> {
+    let header = volume.header();
     let dims = header.dims;
     let (opened, stamp) = open(path, dims)?;
+    check_read_beside(volume, &*opened.volume, "--labels", memory)?;
+    if opened.volume.header().format == "raw" {
+        progress.warn(&format!(
+            "the labels {} state no type: they are read as {}, by their size, and in little endian if they have more bytes than one",
+            path.display(),
+            opened.volume.header().dtype
+        ));
+    }
     if dims == opened.volume.header().dims {
         same_place(
             "--labels",
@@ -89,6 +99,7 @@ fn options(path: &Path, dims: Dims) -> OpenOptions {
 mod tests {
     use super::*;
     use crate::grid::Placement;
+    use crate::volume::MemoryVolume;
 
     /// Writes to a file when its first slice has been read.
     struct Writer<'a>(&'a Path);
@@ -104,16 +115,12 @@ mod tests {
         let dir = tempfile::tempdir().unwrap();
         let path = dir.path().join("labels.raw");
         std::fs::write(&path, [1; 4 * 3 * 2]).unwrap();
-        let header = Header {
-            format: "raw",
-            endian: Endian::Little,
-            dims: Dims([4, 3, 2]),
-            dtype: Dtype::U8,
-            placement: Placement::default(),
+        let scan = MemoryVolume::new(Dims([4, 3, 2]), Placement::default(), vec![0u8; 24]).unwrap();
+        let read = |progress: &dyn Progress| {
+            read_labels(&path, (&scan, Frame::Unstated), u64::MAX, progress)
         };
-        let read = read_labels(&path, (&header, Frame::Unstated), &crate::progress::Quiet);
-        assert_eq!(read.unwrap().rows.largest(), 1);
-        let read = read_labels(&path, (&header, Frame::Unstated), &Writer(&path));
+        assert_eq!(read(&crate::progress::Quiet).unwrap().rows.largest(), 1);
+        let read = read(&Writer(&path));
         assert!(matches!(read, Err(Error::InputChanged { .. })), "{read:?}");
     }
 }

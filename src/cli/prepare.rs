@@ -90,6 +90,7 @@ impl ConvertArgs {
         let path = input.path().to_path_buf();
         let (mut opened, stamp) = input.open(&self.options.options(), out)?;
         opened.doubt_size()?;
+        console.listen();
         let opened = self.options.filters.apply(opened)?;
         let mut options = self.of_opened(&opened, stamp)?;
         let (volume, frame) = (&*opened.volume, opened.provenance.frame);
@@ -97,7 +98,7 @@ impl ConvertArgs {
         if let Purpose::Known(known) = purpose {
             options.threshold = known.threshold;
             options.region = match &known.region {
-                Some(stated) => Some(region.find_again(stated, volume, console)?),
+                Some(stated) => Some(region.find_again(stated, volume, options.memory, console)?),
                 None => None,
             };
             return Ok(Prepared::of(opened, options));
@@ -114,7 +115,12 @@ impl ConvertArgs {
                 _ => convert::check_before(volume, &options, in_region, out)?,
             }
         }
-        let roi = region.find((volume, frame), options.crop.as_ref(), console)?;
+        let roi = region.find(
+            (volume, frame),
+            options.crop.as_ref(),
+            options.memory,
+            console,
+        )?;
         let doubts = roi
             .as_ref()
             .map_or(Vec::new(), |roi| roi.warnings().to_vec());
@@ -130,7 +136,7 @@ impl ConvertArgs {
             None => None,
         };
         options.labels = match &self.labels {
-            Some(path) => Some(read_labels(path, (volume.header(), frame), console)?),
+            Some(path) => Some(read_labels(path, (volume, frame), options.memory, console)?),
             None => None,
         };
         let understood = understood(&opened, &options, found, &how)?;
