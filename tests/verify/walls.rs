@@ -129,11 +129,21 @@ fn wrong_rows_of_walls_are_found() {
     table(|rows| scale(&mut rows[0][2], 0.1), value);
     table(|rows| rows[0][5] = "2".into(), value);
     table(|rows| rows[0][5].clear(), value);
+    table(|rows| rows[0][6] = "2".into(), value);
+    table(|rows| rows[0][6].clear(), value);
     table(|rows| rows[0][0] = "x".into(), &[Code::TableSyntax]);
     table(|rows| _ = rows[0].pop(), &[Code::TableSyntax]);
     table(|rows| rows.swap(1, 2), &[Code::TableRows]);
     table(|rows| rows[1].swap(0, 1), &[Code::TableRows]);
     table(|rows| rows.insert(1, rows[1].clone()), &[Code::TableRows]);
+    // what follows from it and its cells
+    for from in ["0", "1"] {
+        let turn = |rows: &mut Vec<Vec<String>>| {
+            let row = rows.iter_mut().find(|row| row[6] == from).unwrap();
+            row[6] = if from == "0" { "1" } else { "0" }.into();
+        };
+        sound.table("walls.csv", turn, value);
+    }
     // what the tiles say
     let lacks = &[Code::TableRows, Code::TotalsMismatch];
     let lost = |rows: &mut Vec<Vec<String>>| {
