@@ -63,6 +63,29 @@ impl Tables {
         }
     }
 
+    /// Those in CSV that there are, each with the checksum that is stated of it.
+    pub(crate) fn sums(&self) -> impl Iterator<Item = (&str, &str)> {
+        let stated = self.checksums.as_ref();
+        let always = stated.map(|of| {
+            [
+                (&self.cells, &of.cells),
+                (&self.objects, &of.objects),
+                (&self.surfaces, &of.surfaces),
+            ]
+        });
+        let more = stated.map(|of| {
+            [
+                (&self.components, &of.components),
+                (&self.necks, &of.necks),
+                (&self.walls, &of.walls),
+            ]
+        });
+        let more = more.into_iter().flatten();
+        let more = more.filter_map(|(path, of)| Some((path.as_ref()?, of.as_ref()?)));
+        let all = always.into_iter().flatten().chain(more);
+        all.map(|(path, of)| (path.as_str(), of.as_str()))
+    }
+
     /// Under the names that this program gives them.
     pub(crate) fn named(parquet: bool) -> Self {
         Tables {
