@@ -222,7 +222,7 @@ fn tables_of_necks_and_walls_are_told_where_they_are() {
         "<h2>Necks",
         "<h2>Walls",
         "2 and 3",
-        "2 walls of 2.000 mm²",
+        "2 walls of 2 mm²",
         "1 pair of cells",
     ] {
         assert!(text.contains(part), "{part}");
@@ -261,7 +261,7 @@ fn walls_of_cells_come_first() {
     let [count, left_out] = ["count", "left_out"].map(|key| walls[key].as_u64().unwrap());
     assert!(count > 10 && count + left_out == all.as_u64().unwrap());
     let text = page(dir, "a.html");
-    let results = &text[..text.find("<h2>Settings").unwrap()];
+    let results = &text[..text.find("<h2>Input and settings").unwrap()];
     let expected = format!("{median:.4} mm (median of whole cells)");
     assert!(results.contains(&expected), "{expected}");
     assert!(text.contains("whole cells, each by its median"));

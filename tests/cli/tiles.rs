@@ -132,7 +132,7 @@ fn verify_tells_a_sound_set_from_a_damaged_one() {
     let output = alvis(dir.path(), &["verify", "out", "--quiet"]);
     assert_eq!(output.status.code(), Some(1));
     let said = stdout(&output);
-    assert!(said.starts_with("error manifest-"), "{said}");
+    assert!(said.starts_with("error MANIFEST_"), "{said}");
     assert!(
         said.lines().all(|line| line.starts_with("error ")),
         "{said}"

@@ -266,6 +266,41 @@ fn wrong_indexes_of_walls_are_found() {
     assert!(codes(&check(&own)).iter().eq([&Code::ManifestValue]));
 }
 
+/// Tables of openings and walls are Parquet, too, where others are.
+#[test]
+fn wrong_parquet_of_walls_is_found() {
+    let dir = tempfile::tempdir().unwrap();
+    let scan = Scan::new(3, [17, 14, 15], 3, true);
+    let more = ["--macrocube", "9", "--walls", "--tables", "csv,parquet"];
+    scan.convert(dir.path(), "own", true, &more);
+    pass(&scan, dir.path(), "parquet");
+    let sound = Sound { dir };
+    for name in ["components", "necks", "walls"] {
+        let file = format!("{name}.parquet");
+        let gone = sound.broken(|set| fs::remove_file(set.0.join(&file)).is_ok());
+        assert!(gone.unwrap().iter().eq([&Code::MissingFile]), "{name}");
+        let other = sound.broken(|set| {
+            fs::copy(set.0.join("objects.parquet"), set.0.join(&file)).unwrap();
+            let bytes = fs::read(set.0.join(&file)).unwrap();
+            let sum = format!("crc32:{:08x}", crc32fast::hash(&bytes));
+            set.manifest(|m| m["tables"]["parquet"]["checksums"][name] = sum.clone().into());
+            true
+        });
+        let expected = [Code::TableSyntax, Code::TableRows, Code::TableValue];
+        let other = other.unwrap();
+        let found = other.iter().all(|code| expected.contains(code));
+        assert!(!other.is_empty() && found, "{name}: {other:?}");
+        let unnamed = sound.broken(|set| {
+            set.manifest(|m| {
+                let parquet = m["tables"]["parquet"].as_object_mut().unwrap();
+                parquet.remove(name).unwrap();
+            });
+            true
+        });
+        assert!(unnamed.unwrap().iter().eq([&Code::ManifestValue]), "{name}");
+    }
+}
+
 /// A part has the walls between its own cells, which say less of these.
 #[test]
 fn walls_of_a_part_agree_with_its_cells() {
