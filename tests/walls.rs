@@ -398,7 +398,7 @@ fn turned_kelvin_cells_have_fourteen_neighbours() {
         .iter()
         .filter(|wall| wall.area > 20.0 && !wall.neighbour);
     let along_walls = along_walls.count();
-    println!("neighbours {found:?}, {along_walls} lines of large area along walls");
+    println!("neighbours {found:?}; {along_walls} large walls make none");
     assert!(along_walls > 5, "{along_walls}");
     check_cells(dir.path(), [1.0; 3]);
 }
