@@ -374,7 +374,7 @@ fn walls_of_kelvin_cells_are_as_thick_as_they_are() {
 #[test]
 fn turned_kelvin_cells_have_fourteen_neighbours() {
     let (dims, width) = ([58, 60, 62], 20.0);
-    let places = turned_kelvin_places(dims, width, [0.8, 0.36, -0.48, 0.0]);
+    let places = turned_kelvin_places(dims, width, [0.96, 0.0, 0.28, 0.0]);
     let foam = foam_around(dims, &places, 2.2, 0.0);
     let options = ConvertOptions {
         walls: true,
