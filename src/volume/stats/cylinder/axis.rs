@@ -115,6 +115,11 @@ impl Seen {
         let part = before.unwrap_or(range.start)..after.unwrap_or(range.end);
         (2 * part.len() < range.len()).then_some(part)
     }
+
+    /// True if what the slices do not show begins where a circle ends.
+    pub fn ends_at(&self, circle: &Circle) -> bool {
+        self.hidden.begins_at(self.raster, circle)
+    }
 }
 
 impl Slice {
