@@ -24,16 +24,32 @@ const ALIKE: [f64; 2] = [1.5, 0.03];
 /// In this share of the directions at least.
 const AGREE: f64 = 0.6;
 
+/// The shares of the pixels of a slice that are darker than its darkest and its brightest parts, without stray ones.
+const DARKEST: f64 = 0.05;
+const BRIGHTEST: f64 = 0.99;
+/// How much brighter, above what is dark, a slice is than most are, if it shows something else: its brightest parts, and its
+/// mean.
+const FAR_BRIGHTER: [f64; 2] = [1.5, 2.0];
+
+/// Of the slices, those that are brighter inside of a body than beside it at least.
+const ALL_BUT_FEW: f64 = 0.9;
+
 /// Some slices of a range, by rising number, and what they show.
+#[derive(Clone)]
 pub(super) struct Seen {
     pub raster: Raster,
     pub slices: Vec<Slice>,
+    /// Those that are of one value, and show nothing.
+    pub blank: Vec<u32>,
     hidden: Hidden,
     /// The brightness that parts what is bright from what is not.
     threshold: f64,
+    /// Slices whose brightest parts, or whose means, are brighter show something else.
+    brightest: [f64; 2],
 }
 
 /// A slice.
+#[derive(Clone)]
 pub(super) struct Slice {
     pub z: u32,
     pub image: Image,
@@ -57,6 +73,10 @@ impl Seen {
             Picture::read::<T>(volume, z, raster, progress)
         };
         let pictures = slices.into_iter().map(read).collect::<Result<Vec<_>>>()?;
+        let (blank, pictures): (Vec<_>, Vec<_>) = pictures.into_iter().partition(Picture::is_blank);
+        if pictures.is_empty() {
+            return Ok(None);
+        }
         let hidden = Hidden::of(&pictures, raster);
         let slice = |picture: Picture| Slice {
             z: picture.z,
@@ -68,9 +88,68 @@ impl Seen {
         Ok(split.map(|(threshold, _)| Seen {
             raster,
             slices,
+            blank: blank.into_iter().map(|picture| picture.z).collect(),
             hidden,
             threshold,
+            brightest: [f64::INFINITY; 2],
         }))
+    }
+
+    /// The same without slices that are far brighter than most are, as of a holder under a sample with few walls. `None` if all
+    /// are alike.
+    pub fn of_most(&self) -> Option<Self> {
+        let usual = |of: &dyn Fn(&Slice) -> f64| {
+            median(&mut self.slices.iter().map(of).collect::<Vec<_>>())
+        };
+        let dark = usual(&|slice| slice.level(DARKEST));
+        let most = |place: usize| {
+            dark + FAR_BRIGHTER[place] * (usual(&|slice| slice.brightness()[place]) - dark)
+        };
+        let mut seen = Seen {
+            brightest: [most(0), most(1)],
+            ..self.clone()
+        };
+        let alike = || self.slices.iter().filter(|s| !seen.is_far_brighter(s));
+        if alike().count() == self.slices.len() {
+            return None;
+        }
+        let pixels = alike().flat_map(|slice| &slice.image.pixels);
+        (seen.threshold, _) = split(pixels.map(|v| f64::from(*v)))?;
+        Some(seen)
+    }
+
+    /// True if a slice shows something else by its brightness.
+    pub fn is_far_brighter(&self, slice: &Slice) -> bool {
+        let brightness = slice.brightness();
+        (0..2).any(|place| brightness[place] > self.brightest[place])
+    }
+
+    /// The slices that may show the sample.
+    pub fn alike(&self) -> impl Iterator<Item = &Slice> {
+        self.slices
+            .iter()
+            .filter(|slice| !self.is_far_brighter(slice))
+    }
+
+    /// True if slices are brighter inside of a body than beside it: most of them, those that show the beside at all.
+    pub fn is_bright(&self, axis: &Axis) -> bool {
+        let is_bright = |slice: &&Slice| {
+            let circle = axis.at(slice.z.into());
+            let (mut inside, mut beside) = ((0.0, 0.0), (0.0, 0.0));
+            for (i, v) in slice.image.pixels.iter().enumerate() {
+                let share = (circle.off(slice.image.place(i)) + circle.radius) / circle.radius;
+                let sum = match share {
+                    _ if self.hidden.hides(i) => continue,
+                    ..0.9 => &mut inside,
+                    1.1..1.3 => &mut beside,
+                    _ => continue,
+                };
+                *sum = (sum.0 + f64::from(*v), sum.1 + 1.0);
+            }
+            inside.0 / inside.1 > beside.0 / beside.1
+        };
+        let bright = self.alike().filter(is_bright).count();
+        bright as f64 >= ALL_BUT_FEW * self.alike().count() as f64
     }
 
     /// One more slice, as those that were seen.
@@ -97,7 +176,7 @@ impl Seen {
                 outline,
             })
         };
-        self.slices.iter().filter_map(of).collect()
+        self.alike().filter_map(of).collect()
     }
 
     /// The slices between those that show nothing bright, where few of all do; `None` otherwise.
@@ -123,6 +202,24 @@ impl Seen {
 }
 
 impl Slice {
+    /// Of its brightest parts, and of all.
+    fn brightness(&self) -> [f64; 2] {
+        let pixels = &self.image.pixels;
+        let sum: f64 = pixels.iter().map(|v| f64::from(*v)).sum();
+        [self.level(BRIGHTEST), sum / pixels.len() as f64]
+    }
+
+    /// The brightness below which this share of its pixels is.
+    fn level(&self, share: f64) -> f64 {
+        let mut values = self.image.pixels.clone();
+        let place = (values.len() - 1) as f64 * share;
+        f64::from(
+            *values
+                .select_nth_unstable_by(place as usize, f32::total_cmp)
+                .1,
+        )
+    }
+
     /// The outline of what is bright in a part of it, without specks.
     pub fn outline(&self, threshold: f64, within: impl Fn([f64; 2]) -> bool) -> Option<Outline> {
         let image = &self.image;

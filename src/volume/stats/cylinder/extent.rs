@@ -29,6 +29,8 @@ pub(super) enum Shows {
     Elsewhere,
     Narrower,
     Wider,
+    /// Something far brighter than the sample.
+    Brighter,
 }
 
 /// Where a sample is looked for along z.
@@ -66,7 +68,7 @@ impl Extent<'_> {
     /// The volume's; [`crate::Error::Interrupted`].
     pub fn find<T: Voxel>(&self) -> Result<Shown> {
         let slices = &self.seen.slices;
-        let shares: Vec<Shares> = slices.iter().map(|s| self.shares(s)).collect();
+        let shares: Vec<Shares> = self.seen.alike().map(|s| self.shares(s)).collect();
         let inside = shares.iter().map(|s| s.inside).filter(|v| *v > 0.05);
         let around = shares.iter().map(|s| s.around).filter(|v| v.is_finite());
         let usual = Shares {
@@ -161,6 +163,9 @@ impl Extent<'_> {
         let shares = self.shares(slice);
         if shares.around > WIDER + usual.around.min(1.0 - WIDER) {
             return Shows::Wider;
+        }
+        if self.seen.is_far_brighter(slice) {
+            return Shows::Brighter;
         }
         let circle = self.axis.at(slice.z.into());
         let rim = self.rim(circle.radius) - circle.radius;

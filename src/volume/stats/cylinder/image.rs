@@ -22,7 +22,7 @@ pub(super) fn median(values: &mut [f64]) -> f64 {
 }
 
 /// What pictures of a scan do not show, and how dark it is taken to be.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub(super) struct Hidden {
     /// Of each pixel.
     is: Vec<bool>,
@@ -49,6 +49,11 @@ impl Hidden {
             at_rim(pictures, &is, raster)
         });
         Hidden { is, dark }
+    }
+
+    /// True if a pixel is not shown.
+    pub fn hides(&self, pixel: usize) -> bool {
+        self.is[pixel]
     }
 
     /// True if what pictures do not show begins where a circle ends, nearly all around.

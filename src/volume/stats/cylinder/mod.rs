@@ -89,6 +89,13 @@ fn find<T: Voxel>(
         range: z,
         progress,
     };
+    if let Some(seen) = seen.of_most() {
+        match scan.sample::<T>(seen) {
+            Ok(found) if found.seen.is_bright(&found.axis) => return scan.cylinder::<T>(&found),
+            Ok(_) | Err(Error::Usage { .. }) => {}
+            Err(why) => return Err(why),
+        }
+    }
     let found = match (scan.sample::<T>(seen), few) {
         // of few slices with the sample and many without it more are looked at
         (Err(why @ Error::Usage { .. }), Some(few)) => {
@@ -158,7 +165,7 @@ impl Scan<'_> {
             Err(why) => return Err(not_found(why)),
         };
         let around = hull.moved_to(&bodies.sample, z);
-        let outlines = seen.slices.iter().filter_map(|slice| {
+        let outlines = seen.alike().filter_map(|slice| {
             let circle = around.at(slice.z.into());
             let reach = bodies
                 .reach

@@ -69,13 +69,22 @@ pub(super) fn of_slices(shown: &Shown, all: &Range<u32>) -> Option<String> {
             1 => format!("slice {} shows", slices.start),
             _ => format!("slices {} to {} show", slices.start, slices.end - 1),
         };
-        let kinds = [Shows::Wider, Shows::Narrower, Shows::Elsewhere, Shows::Air];
+        let kinds = [
+            Shows::Brighter,
+            Shows::Wider,
+            Shows::Narrower,
+            Shows::Elsewhere,
+            Shows::Air,
+            Shows::Sample,
+        ];
         let kinds = kinds.iter().filter(|kind| shows.contains(kind));
         let kinds = kinds.map(|kind| match kind {
             Shows::Wider => "something wider, as a holder",
             Shows::Narrower => "something narrower",
             Shows::Elsewhere => "air there and something else beside it or around it",
-            Shows::Air | Shows::Sample => "air",
+            Shows::Brighter => "something far brighter, as a holder",
+            Shows::Air => "air",
+            Shows::Sample => "the sample again",
         });
         let kinds: Vec<&str> = kinds.collect();
         Some(format!("{range} {}", kinds.join(" or ")))
