@@ -3,7 +3,7 @@
 use super::SMALLEST;
 use super::circle::{Circle, DIRECTIONS, Outline, distance};
 use super::image::{Hidden, Image, median, split};
-use super::rim::Rim;
+use super::rim::{Rim, names};
 use super::slices::{Picture, Raster, spread};
 use crate::error::Result;
 use crate::grid::Voxel;
@@ -40,7 +40,7 @@ pub(super) struct Seen {
     pub raster: Raster,
     pub slices: Vec<Slice>,
     /// Those that are of one value, and show nothing.
-    pub blank: Vec<u32>,
+    blank: Vec<u32>,
     hidden: Hidden,
     /// The brightness that parts what is bright from what is not.
     threshold: f64,
@@ -152,7 +152,7 @@ impl Seen {
         bright as f64 >= ALL_BUT_FEW * self.alike().count() as f64
     }
 
-    /// One more slice, as those that were seen.
+    /// One more slice, as those that were seen; `None` if it is of one value.
     ///
     /// # Errors
     /// The volume's; [`crate::Error::Interrupted`].
@@ -161,10 +161,26 @@ impl Seen {
         volume: &dyn Volume,
         z: u32,
         progress: &dyn Progress,
-    ) -> Result<Slice> {
+    ) -> Result<Option<Slice>> {
         let picture = Picture::read::<T>(volume, z, self.raster, progress)?;
-        let image = self.hidden.image(picture.pixels, self.raster);
-        Ok(Slice { z, image })
+        Ok((!picture.is_blank()).then(|| Slice {
+            z,
+            image: self.hidden.image(picture.pixels, self.raster),
+        }))
+    }
+
+    /// The slices of a range that are of one value, as people read them; `None` without any.
+    pub fn blank_names(&self, range: &Range<u32>) -> Option<String> {
+        let blank: Vec<u32> = self
+            .blank
+            .iter()
+            .copied()
+            .filter(|z| range.contains(z))
+            .collect();
+        let mut all: Vec<u32> = self.slices.iter().map(|slice| slice.z).collect();
+        all.extend(&self.blank);
+        all.sort_unstable();
+        (!blank.is_empty()).then(|| names(&blank, &all))
     }
 
     /// The outlines of all that is bright in the slices, where anything is.
@@ -183,16 +199,24 @@ impl Seen {
     pub fn few(&self, range: &Range<u32>) -> Option<Range<u32>> {
         let bright = |slice: &Slice| {
             let pixels = slice.image.pixels.iter();
-            pixels.filter(|v| f64::from(**v) >= self.threshold).count()
+            let bright = pixels.filter(|v| f64::from(**v) >= self.threshold);
+            (slice.z, bright.count())
         };
-        let bright: Vec<usize> = self.slices.iter().map(bright).collect();
-        let most = *bright.iter().max()?;
-        let first = bright.iter().position(|n| 2 * n > most)?;
-        let last = bright.iter().rposition(|n| 2 * n > most)?;
-        let before = first.checked_sub(1).map(|i| self.slices[i].z + 1);
-        let after = self.slices.get(last + 1).map(|slice| slice.z);
+        let mut bright: Vec<(u32, usize)> = self.slices.iter().map(bright).collect();
+        bright.extend(self.blank.iter().map(|z| (*z, 0)));
+        bright.sort_unstable();
+        let most = bright.iter().map(|(_, n)| *n).max()?;
+        let first = bright.iter().position(|(_, n)| 2 * n > most)?;
+        let last = bright.iter().rposition(|(_, n)| 2 * n > most)?;
+        let before = first.checked_sub(1).map(|i| bright[i].0 + 1);
+        let after = bright.get(last + 1).map(|(z, _)| *z);
         let part = before.unwrap_or(range.start)..after.unwrap_or(range.end);
         (2 * part.len() < range.len()).then_some(part)
+    }
+
+    /// True if most slices are of one value.
+    pub fn is_mostly_blank(&self) -> bool {
+        self.blank.len() > self.slices.len()
     }
 
     /// True if what the slices do not show begins where a circle ends.

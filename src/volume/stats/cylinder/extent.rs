@@ -31,6 +31,8 @@ pub(super) enum Shows {
     Wider,
     /// Something far brighter than the sample.
     Brighter,
+    /// One value.
+    Blank,
 }
 
 /// Where a sample is looked for along z.
@@ -87,7 +89,7 @@ impl Extent<'_> {
         let (first, last) = (slices[longest.start].z, slices[longest.end - 1].z);
         let of = |z: u32| {
             let slice = self.seen.one_more::<T>(self.volume, z, self.progress)?;
-            Ok(self.shows(&slice, usual))
+            Ok(slice.map_or(Shows::Blank, |slice| self.shows(&slice, usual)))
         };
         let before = longest.start.checked_sub(1);
         let before = before.map(|i| (slices[i].z, shows[i]));

@@ -84,6 +84,12 @@ fn find<T: Voxel>(
     let seen = Seen::read::<T>(volume, z, progress)?;
     let seen = seen.ok_or_else(|| not_found("slices of one value"))?;
     let few = seen.few(z);
+    let seen = match &few {
+        Some(few) if seen.is_mostly_blank() => {
+            Seen::read::<T>(volume, few, progress)?.unwrap_or(seen)
+        }
+        _ => seen,
+    };
     let scan = Scan {
         volume,
         range: z,
@@ -220,6 +226,8 @@ impl Scan<'_> {
         warnings.extend(warnings::of_tilt(tilt, axis.moves(&shown.slices)));
         warnings.extend(warnings::of_taper(&axis, &shown.slices));
         warnings.extend(warnings::of_slices(&shown, self.range));
+        let blank = found.seen.blank_names(&shown.slices);
+        warnings.extend(blank.as_deref().map(warnings::of_blank));
         let doubts = Doubts {
             cylinder: shrunk(&axis.middle(&clear), less),
             to_rim: less,

@@ -38,6 +38,14 @@ pub(super) fn of_beside(at: [f64; 2]) -> String {
     )
 }
 
+/// That some of the slices between others with the sample are of one value.
+pub(super) fn of_blank(slices: &str) -> String {
+    format!(
+        "about {slices} all samples are of one value, as where a part of a scan is missing: nothing of the sample is seen there, \
+         and all of it counts as a pore or as material; --crop leaves it out"
+    )
+}
+
 /// That the sample is not upright, by so many degrees and voxels, if it is not.
 pub(super) fn of_tilt(tilt: f64, moves: f64) -> Option<String> {
     (tilt > 0.0).then(|| {
@@ -75,6 +83,7 @@ pub(super) fn of_slices(shown: &Shown, all: &Range<u32>) -> Option<String> {
             Shows::Narrower,
             Shows::Elsewhere,
             Shows::Air,
+            Shows::Blank,
             Shows::Sample,
         ];
         let kinds = kinds.iter().filter(|kind| shows.contains(kind));
@@ -84,6 +93,7 @@ pub(super) fn of_slices(shown: &Shown, all: &Range<u32>) -> Option<String> {
             Shows::Elsewhere => "air there and something else beside it or around it",
             Shows::Brighter => "something far brighter, as a holder",
             Shows::Air => "air",
+            Shows::Blank => "nothing but one value",
             Shows::Sample => "the sample again",
         });
         let kinds: Vec<&str> = kinds.collect();

@@ -108,3 +108,34 @@ fn a_holder_of_a_sparse_foam_is_left_out() {
         assert_eq!(n, usize::from(slices > 0), "{found:?}");
     }
 }
+
+/// Slices of one value do not spoil the cylinder; those between others are told as such, and none of the others is said to show
+/// air.
+#[test]
+fn slices_of_one_value_are_told() {
+    let scan = Solid::any_pore(3, 40).inside(|_| SAMPLE).scan();
+    for value in [0, 1400, 60_000] {
+        for (from, to, shown) in [
+            (20, 21, 0..40),
+            (10, 13, 0..40),
+            (0, 1, 1..40),
+            (37, 40, 0..37),
+        ] {
+            let volume = changed(&scan, |[_, _, z]| {
+                (f64::from(from)..f64::from(to))
+                    .contains(&z)
+                    .then_some(value)
+            });
+            let found = find(&volume).unwrap();
+            assert_inside(&found, SAMPLE, 0.0);
+            assert_eq!(found.slices, shown, "{found:?}");
+            assert_eq!(found.warnings.len(), 1, "{found:?}");
+            assert_eq!(told(&found, "one value").len(), 1, "{found:?}");
+        }
+    }
+    // a few slices of a scan that was filled up
+    let volume = changed(&scan, |[_, _, z]| (!(24.0..33.0).contains(&z)).then_some(0));
+    let found = find(&volume).unwrap();
+    assert_inside(&found, SAMPLE, 0.0);
+    assert_eq!(found.slices, 24..33);
+}
