@@ -26,6 +26,8 @@ const AS_RIM: f64 = 1.25;
 const SHARP: [f64; 2] = [0.3, 0.6];
 /// How widely a rim spreads that is not blurred, in rings.
 const NOT_BLURRED: f64 = 1.0;
+/// Rings around a circle in which pores get rarer as well, if these stay inside of the sample.
+const NARROW: usize = 4;
 /// Of what a blurred rim spreads by, how wide what is around a circle is at least.
 const WIDE: f64 = 2.5;
 /// Of how rough what is inside of it is, how rough that is at most.
@@ -320,7 +322,8 @@ struct Steps {
 
 impl Steps {
     /// True if it changes as sharply as the brightness does at the rim, and not slowly as where pores get rarer. If it is not
-    /// quite as sharp, or the rim is blurred, which makes these look alike, there have to be no pores around it.
+    /// quite as sharp, or the rim is blurred, which makes these look alike, there have to be no pores around it, in a part that
+    /// is wide enough to tell.
     fn is_sharp(&self, ring: usize, size: f64, kind: Kind) -> bool {
         let of = |p: &Profile, r: usize| match kind {
             Kind::Brightness => p.of(r..r + 1).mean(),
@@ -334,12 +337,10 @@ impl Steps {
             return false;
         };
         let [sharp, nearly] = SHARP.map(|more| fall.spread <= AS_RIM * self.spread + more);
+        let wide = self.end - ring;
         match self.spread <= NOT_BLURRED {
-            true => sharp || nearly && self.is_even(ring),
-            false => {
-                let wide = (self.end - ring) as f64;
-                sharp && wide > WIDE * self.spread && self.is_even(ring)
-            }
+            true => sharp || nearly && wide > NARROW && self.is_even(ring),
+            false => sharp && wide as f64 > WIDE * self.spread && self.is_even(ring),
         }
     }
 
