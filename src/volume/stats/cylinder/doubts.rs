@@ -16,6 +16,10 @@ const BRIGHT: f64 = 0.35;
 const SMOOTH: f64 = 0.4;
 /// Of the brightness of the sample above the air, what is in the middle of it at least.
 const EMPTY: f64 = 0.15;
+/// Of how rough the air is, how rough it is in a middle that is empty at most.
+const ROUGH: f64 = 1.5;
+/// Rings of air between a sample and a tube that is not told apart from it, at most.
+const GAP: usize = 8;
 /// Of the radius, an empty middle that is told.
 const HOLLOW: f64 = 0.08;
 /// Of the brightness of the sample above the air, a change that is told.
@@ -75,19 +79,39 @@ impl Doubts {
             return [None; 2];
         };
         let all = self.all();
-        // also where nothing is seen
+        let noise = all
+            .of(self.rings.all.saturating_sub(2)..self.rings.all)
+            .deviation();
+        // also where nothing is seen; a few walls are darker than a tube, too, but no air
         let is_empty = |r: &usize| {
             let share = self.share(&all, *r..r + 1, level);
-            share.is_nan() || share < EMPTY
+            let is_rough = all.of(*r..r + 1).deviation() > ROUGH * noise;
+            share.is_nan() || share < EMPTY && !is_rough
         };
         let hollow = (0..self.inside()).take_while(is_empty).count();
         let width = self.rings.width;
         let is_told = hollow as f64 * width >= (HOLLOW * self.cylinder.radius).max(3.0);
-        let change = self.change(hollow, level).map(|ring| ring as f64 * width);
+        let change = self.change(hollow, level);
+        let change = change.map(|ring| self.before_gap(&all, ring) as f64 * width);
         [
             is_told.then_some(hollow as f64 * width),
             change.filter(|radius| *radius < limit),
         ]
+    }
+
+    /// The ring at which a sample ends within a gap of air before a ring at which something else begins; that one without a gap.
+    fn before_gap(&self, all: &Profile, ring: usize) -> usize {
+        let above = |r: usize| all.of(r..r + 1).mean() - self.air;
+        let near = ring.saturating_sub(GAP);
+        let inside = all.of(near.saturating_sub(2 * GAP)..near).mean() - self.air;
+        let is_air = |r: &usize| above(*r) < FULL * inside;
+        let darkest = (near..=ring).min_by(|a, b| above(*a).total_cmp(&above(*b)));
+        let Some(darkest) = darkest.filter(is_air) else {
+            return ring;
+        };
+        (near..darkest)
+            .rfind(|r| !is_air(r))
+            .map_or(ring, |r| r + 1)
     }
 
     fn all(&self) -> Profile {

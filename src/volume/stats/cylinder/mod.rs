@@ -73,7 +73,18 @@ pub fn find_cylinder(
     z: Range<u32>,
     progress: &dyn Progress,
 ) -> Result<FoundCylinder> {
-    with_voxel_type!(volume.header().dtype, T => find::<T>(volume, &z, progress))
+    let found = with_voxel_type!(volume.header().dtype, T => find::<T>(volume, &z, progress));
+    let Some(uneven) = warnings::of_uneven(volume.header().placement.spacing) else {
+        return found;
+    };
+    match found {
+        Ok(mut found) => {
+            found.warnings.push(uneven);
+            Ok(found)
+        }
+        Err(why @ Error::Usage { .. }) => Err(why.with_hint(uneven)),
+        Err(why) => Err(why),
+    }
 }
 
 fn find<T: Voxel>(

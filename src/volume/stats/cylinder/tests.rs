@@ -2,6 +2,7 @@
 
 mod foams;
 mod sparse;
+mod uneven;
 
 use super::*;
 use crate::grid::{Dims, Placement};

@@ -38,6 +38,18 @@ pub(super) fn of_beside(at: [f64; 2]) -> String {
     )
 }
 
+/// That what is round in voxels is not round in the body, where these are longer along x than along y, or the other way round.
+pub(super) fn of_uneven([x, y, _]: [f64; 3]) -> Option<String> {
+    /// By how much of the longer side they differ at least.
+    const UNEVEN: f64 = 0.01;
+    ((x - y).abs() > UNEVEN * x.max(y)).then(|| {
+        format!(
+            "voxels are {x} long along x and {y} along y, and --roi cylinder is round in voxels: the circle of a round sample is an \
+             ellipse there; give --roi mask:FILE for it"
+        )
+    })
+}
+
 /// That some of the slices between others with the sample are of one value.
 pub(super) fn of_blank(slices: &str) -> String {
     format!(

@@ -1,4 +1,4 @@
-//! Foams with few walls: beside a filled field of view, on a holder.
+//! Foams with few walls: beside a filled field of view, on a holder, in a tube; slices that show nothing.
 
 use super::foams::{NX, NY, Random, SAMPLE, Solid, assert_inside, within};
 use super::*;
@@ -138,4 +138,22 @@ fn slices_of_one_value_are_told() {
     let found = find(&volume).unwrap();
     assert_inside(&found, SAMPLE, 0.0);
     assert_eq!(found.slices, 24..33);
+}
+
+/// A tube that is taken for the sample, for there is hardly any air between: the cylinder to give ends where the sample does.
+#[test]
+fn the_sample_is_told_in_a_tube_that_is_near() {
+    let [x, y, radius] = SAMPLE;
+    let (from, to) = ([x, y, radius + 2.0], [x, y, radius + 5.0]);
+    for foam in [5, 6].map(|seed| Solid::any_pore(seed, 24)) {
+        let scan = foam.with(|[x, y, _], v| {
+            v * within([x, y], SAMPLE) + within([x, y], to) - within([x, y], from)
+        });
+        let found = find(&scan.scan()).unwrap();
+        assert_eq!(found.warnings.len(), 1, "{found:?}");
+        let inner = found.others.first().unwrap();
+        let text = format!("give --roi {inner} for what is inside");
+        assert_eq!(told(&found, &text).len(), 1, "{found:?}");
+        assert!((inner.radius + 1.0 - radius).abs() < 1.1, "{found:?}");
+    }
 }
