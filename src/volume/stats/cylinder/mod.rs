@@ -3,7 +3,7 @@
 //! Up to 32 slices are looked at. Of each, what is bright is taken by its outline: how far it reaches in each of 64
 //! directions, which pores that are open to the air hardly change. The outlines lie on lines from slice to slice as the
 //! sample does, also where it is tilted or tapered; the lines on which most slices agree are taken, so that a few with a
-//! holder or air do not count. Slices that agree are moved upon each other, and what a quarter of them show is one picture
+//! holder or air do not count; slices of one value never do, and those that are far brighter than most are left out first. Slices that agree are moved upon each other, and what a quarter of them show is one picture
 //! with closed pores, in which round bodies are told apart: the sample, a tube around it, another sample, where none is
 //! taken. The sample's own outlines then give its axis; the middle of the steepest fall of the brightness around that, its
 //! radius. Each slice is compared with it: something wider, air, a flat side are told. At last the sample is looked at from
