@@ -51,7 +51,7 @@ fn changed(volume: &MemoryVolume<u16>, of: impl Fn([f64; 3]) -> Option<u16>) -> 
     };
     let all = samples.iter_mut().enumerate();
     all.for_each(|(i, v)| *v = of(at(i)).unwrap_or(*v));
-    MemoryVolume::new(header.dims, header.placement.clone(), samples).unwrap()
+    MemoryVolume::new(header.dims, header.placement, samples).unwrap()
 }
 
 /// The air beside a sparse foam is far brighter than the fill, which is not the air.
