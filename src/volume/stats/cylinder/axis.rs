@@ -95,15 +95,21 @@ impl Seen {
         }))
     }
 
-    /// The same without slices that are far brighter than most are, as of a holder under a sample with few walls. `None` if all
-    /// are alike.
-    pub fn of_most(&self) -> Option<Self> {
-        let usual = |of: &dyn Fn(&Slice) -> f64| {
-            median(&mut self.slices.iter().map(of).collect::<Vec<_>>())
-        };
-        let dark = usual(&|slice| slice.level(DARKEST));
+    /// The same without slices that are far brighter than this share of them is, as of a holder under a sample with few walls.
+    /// `None` if all are alike.
+    pub fn of_most(&self, share: f64) -> Option<Self> {
+        let dark = median(
+            &mut self
+                .slices
+                .iter()
+                .map(|s| s.level(DARKEST))
+                .collect::<Vec<_>>(),
+        );
         let most = |place: usize| {
-            dark + FAR_BRIGHTER[place] * (usual(&|slice| slice.brightness()[place]) - dark)
+            let mut all: Vec<f64> = self.slices.iter().map(|s| s.brightness()[place]).collect();
+            all.sort_unstable_by(f64::total_cmp);
+            let usual = all[((all.len() - 1) as f64 * share) as usize];
+            dark + FAR_BRIGHTER[place] * (usual - dark)
         };
         let mut seen = Seen {
             brightest: [most(0), most(1)],

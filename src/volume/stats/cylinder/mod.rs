@@ -42,6 +42,9 @@ const SMALLEST: f64 = 8.0;
 /// Of the slices that show anything, those that have to show one body.
 const MOST: f64 = 0.3;
 
+/// The shares of the slices that are compared with far brighter ones: of a lattice, few slices show more than single struts.
+const SHARES: [f64; 2] = [0.5, 0.85];
+
 /// The share of the variance between two classes that noise alone has, 0.64, and no more.
 const ONE_LEVEL: f64 = 0.7;
 
@@ -106,7 +109,7 @@ fn find<T: Voxel>(
         range: z,
         progress,
     };
-    if let Some(seen) = seen.of_most() {
+    for seen in SHARES.iter().filter_map(|share| seen.of_most(*share)) {
         match scan.sample::<T>(seen) {
             Ok(found) if found.seen.is_bright(&found.axis) => return scan.cylinder::<T>(&found),
             Ok(_) | Err(Error::Usage { .. }) => {}

@@ -157,3 +157,26 @@ fn the_sample_is_told_in_a_tube_that_is_near() {
         assert!((inner.radius + 1.0 - radius).abs() < 1.1, "{found:?}");
     }
 }
+
+/// Of a lattice most slices show single struts alone, and few show many.
+#[test]
+fn a_holder_of_a_lattice_is_left_out() {
+    let strut = |v: f64| v.rem_euclid(12.0) < 3.0;
+    let lattice = Solid::any_pore(1, 40).with(|at, _| {
+        let along = at.iter().filter(|v| strut(**v)).count();
+        if along >= 2 { 1.0 } else { 0.0 }
+    });
+    let lattice = lattice.inside(|_| SAMPLE);
+    for slices in [0, 2, 4] {
+        let disc = [SAMPLE[0], SAMPLE[1], 40.0];
+        let scan = lattice.with(|[x, y, z], v| match z < f64::from(slices) {
+            true => within([x, y], disc),
+            false => v,
+        });
+        let found = find(&scan.scan()).unwrap();
+        let [x, y] = found.cylinder.centre;
+        assert!(libm::hypot(x - SAMPLE[0], y - SAMPLE[1]) < 1.0, "{found:?}");
+        let less = SAMPLE[2] - found.cylinder.radius;
+        assert!((0.3..2.5).contains(&less), "{found:?}");
+    }
+}
