@@ -150,8 +150,7 @@ pub fn check_read_beside(
         needed,
         hint: format!(
             "the file of {option} is read in parts so large: smaller chunks need less, or a file without any (.npy, .nrrd)"
-        )
-        .into(),
+        ),
     })
 }
 
