@@ -7,6 +7,7 @@ use alvis::grid::{Ambiguous, Crop, Unit};
 use alvis::manifest::Primitives;
 use alvis::progress::Quiet;
 use alvis::report::{DEFINITIONS, ReportOptions, report};
+use alvis::split::NeckRule;
 use alvis::table::Outside;
 use alvis::verify::{VerifyOptions, verify};
 use common::volumes::{foam, noise, placed};
@@ -162,7 +163,8 @@ fn lab_reports_follow_the_schema() {
         ("noise", noise(dims, 2)),
         ("air", vec![0; 30 * 28 * 26]),
     ] {
-        let (dir, _) = converted(&placed(dims, samples), &options([16; 3]));
+        let volume = placed(dims, samples);
+        let (dir, _) = converted(&volume, &options([16; 3]));
         for outside in with {
             let options = ReportOptions {
                 outside,
@@ -171,11 +173,12 @@ fn lab_reports_follow_the_schema() {
             let found = report(dir.path(), &options, &Quiet).unwrap();
             schema.check(&serde_json::to_value(&found).unwrap(), what);
         }
-        let necks =
-            "cell_a,cell_b,neck_radius [mm],ratio,x [mm],y [mm],z [mm]\n1,2,0.5,0.25,1,2,3\n";
-        let walls = "cell_a,cell_b,wall_area [mm^2],wall_thickness [mm],chords\n1,2,1.5,0.1,40\n";
-        std::fs::write(dir.path().join("necks.csv"), necks).unwrap();
-        std::fs::write(dir.path().join("walls.csv"), walls).unwrap();
+        let options = ConvertOptions {
+            walls: true,
+            split: Some(NeckRule::default()),
+            ..options([16; 3])
+        };
+        let (dir, _) = converted(&volume, &options);
         let found = report(dir.path(), &ReportOptions::default(), &Quiet).unwrap();
         assert!(found.necks.is_some() && found.walls.is_some());
         schema.check(&serde_json::to_value(&found).unwrap(), what);

@@ -129,6 +129,9 @@ fn manifest() -> Manifest {
                 cells: "cells.parquet".into(),
                 objects: "objects.parquet".into(),
                 surfaces: "surfaces.parquet".into(),
+                components: None,
+                necks: None,
+                walls: Some("walls.parquet".into()),
                 checksums: Some(TableChecksums {
                     cells: "crc32:00000004".into(),
                     objects: "crc32:00000005".into(),

@@ -44,6 +44,7 @@ struct WallRow {
     thickness: f64,
     chords: u64,
     thin: bool,
+    neighbour: bool,
 }
 
 fn wall_rows(dir: &Path) -> Vec<WallRow> {
@@ -54,6 +55,7 @@ fn wall_rows(dir: &Path) -> Vec<WallRow> {
         thickness: number(&rows, row, "wall_thickness"),
         chords: number(&rows, row, "chords") as u64,
         thin: number(&rows, row, "thin") == 1.0,
+        neighbour: number(&rows, row, "neighbour") == 1.0,
     };
     (0..rows.rows.len()).map(row).collect()
 }
@@ -171,8 +173,8 @@ fn flat_foam(dims: [u32; 3], cells: usize, thickness: f64, noise: f64) -> Foam {
     foam_around(dims, &places, thickness, noise)
 }
 
-/// Kelvin's cells, of this width, whose walls lie across axes and diagonals.
-fn kelvin_foam(dims: [u32; 3], width: f64, thickness: f64) -> Foam {
+/// Places of Kelvin's cells, of this width, whose walls lie across axes and diagonals.
+fn kelvin_places(dims: [u32; 3], width: f64) -> Vec<[f64; 3]> {
     let most = dims.map(|n| (f64::from(n) / width) as i32 + 1);
     let mut places = Vec::new();
     for z in -1..=most[2] {
@@ -181,13 +183,50 @@ fn kelvin_foam(dims: [u32; 3], width: f64, thickness: f64) -> Foam {
             places.extend([corner, corner.map(|v| v + width / 2.0)]);
         }
     }
-    foam_around(dims, &places, thickness, 0.0)
+    places
+}
+
+/// The same places turned about the middle of the volume, by a unit quaternion; of more than the volume holds, those that
+/// lie in it or beside it.
+fn turned_kelvin_places(dims: [u32; 3], width: f64, [w, x, y, z]: [f64; 4]) -> Vec<[f64; 3]> {
+    let turned = [
+        [
+            1.0 - 2.0 * (y * y + z * z),
+            2.0 * (x * y - w * z),
+            2.0 * (x * z + w * y),
+        ],
+        [
+            2.0 * (x * y + w * z),
+            1.0 - 2.0 * (x * x + z * z),
+            2.0 * (y * z - w * x),
+        ],
+        [
+            2.0 * (x * z - w * y),
+            2.0 * (y * z + w * x),
+            1.0 - 2.0 * (x * x + y * y),
+        ],
+    ];
+    let large = dims.map(|n| 2 * n);
+    let all = kelvin_places(large, width).into_iter().map(|p| {
+        let off: [f64; 3] = std::array::from_fn(|a| p[a] - f64::from(large[a]) / 2.0);
+        turned.map(|row| (0..3).map(|a| row[a] * off[a]).sum::<f64>())
+    });
+    let placed = all.map(|off| std::array::from_fn(|a| off[a] + f64::from(dims[a]) / 2.0));
+    let is_near = |p: &[f64; 3]| (0..3).all(|a| -width < p[a] && p[a] < f64::from(dims[a]) + width);
+    placed.filter(is_near).collect()
 }
 
 /// Cells around places, with walls of a thickness, blurred with a standard deviation of 0.8 voxels, and noise.
 fn foam_around(dims: [u32; 3], places: &[[f64; 3]], thickness: f64, noise: f64) -> Foam {
     let mut random = Random(77);
     let cells = places.len();
+    let apart: Vec<Vec<f64>> = places
+        .iter()
+        .map(|p| {
+            let square = |q: &[f64; 3]| (0..3).map(|a| (q[a] - p[a]).powi(2)).sum::<f64>();
+            places.iter().map(|q| square(q).sqrt()).collect()
+        })
+        .collect();
     let mut labels = Vec::new();
     let mut faces = BTreeMap::new();
     let solid = samples(dims, |p| {
@@ -203,10 +242,7 @@ fn foam_around(dims: [u32; 3], places: &[[f64; 3]], thickness: f64, noise: f64) 
         labels.push(own as u32 + 1);
         let mut depth = (f64::INFINITY, 0);
         for other in (0..cells).filter(|&other| other != own) {
-            let apart: f64 = (0..3)
-                .map(|a| (places[other][a] - places[own][a]).powi(2))
-                .sum();
-            let to_face = (squares[other] - squares[own]) / 2.0 / apart.sqrt();
+            let to_face = (squares[other] - squares[own]) / 2.0 / apart[own][other];
             if to_face < depth.0 {
                 depth = (to_face, other);
             }
@@ -309,7 +345,8 @@ fn walls_of_a_blurred_foam_are_as_thick_as_they_are() {
 #[test]
 fn walls_of_kelvin_cells_are_as_thick_as_they_are() {
     for thickness in [2.2, 3.0, 4.5] {
-        let foam = kelvin_foam([62, 58, 54], 26.0, thickness);
+        let dims = [62, 58, 54];
+        let foam = foam_around(dims, &kelvin_places(dims, 26.0), thickness, 0.0);
         let options = ConvertOptions {
             walls: true,
             labels: Some(given(foam.dims, foam.labels.clone())),
@@ -331,6 +368,39 @@ fn walls_of_kelvin_cells_are_as_thick_as_they_are() {
         // the middle of a wall across a diagonal is small: lines along axes go through it aslant
         assert!(low > -0.05 && middle.abs() < 0.03 && high < 0.05);
     }
+}
+
+/// Lines that run along a flat wall meet the cells at its two ends, which are no neighbours.
+#[test]
+fn turned_kelvin_cells_have_fourteen_neighbours() {
+    let (dims, width) = ([58, 60, 62], 20.0);
+    let places = turned_kelvin_places(dims, width, [0.96, 0.0, 0.28, 0.0]);
+    let foam = foam_around(dims, &places, 2.2, 0.0);
+    let options = ConvertOptions {
+        walls: true,
+        labels: Some(given(dims, foam.labels)),
+        ..options([32; 3])
+    };
+    let (dir, _) = converted(&volume(dims, foam.grey), &options);
+    let cells = table(dir.path(), "cells.csv");
+    let mut found = BTreeMap::new();
+    for row in 0..cells.rows.len() {
+        let place = places[number(&cells, row, "id") as usize - 1];
+        // farther from the edge than the farthest neighbour's wall
+        if (0..3).all(|a| 0.85 * width < place[a].min(f64::from(dims[a]) - place[a])) {
+            let neighbours = number(&cells, row, "neighbours") as u32;
+            *found.entry(neighbours).or_insert(0) += 1;
+        }
+    }
+    assert!(found.len() == 1 && found[&14] >= 2, "{found:?}");
+    let walls = wall_rows(dir.path());
+    let along_walls = walls
+        .iter()
+        .filter(|wall| wall.area > 20.0 && !wall.neighbour);
+    let along_walls = along_walls.count();
+    println!("neighbours {found:?}; {along_walls} large walls make none");
+    assert!(along_walls > 5, "{along_walls}");
+    check_cells(dir.path(), [1.0; 3]);
 }
 
 /// How the surface crosses an edge between two voxels: where, in voxels; the cosine of its slant to the edge's axis; and the
@@ -522,19 +592,23 @@ fn check_cells(dir: &Path, spacing: [f64; 3]) {
         wall_rows(dir),
     );
     let ids: Vec<u64> = cells.column("id").map(|id| id.parse().unwrap()).collect();
-    let area = |id: u64| number(&cells, ids.binary_search(&id).unwrap(), "area");
+    let of_cell = |id: u64, name| number(&cells, ids.binary_search(&id).unwrap(), name);
     let [x, y, z] = spacing;
     let face = (y * z + x * z + x * y) / 3.0;
+    for wall in &walls {
+        let [a, b] = wall.cells.map(|id| of_cell(id, "area"));
+        let [c, d] = wall.cells.map(|id| of_cell(id, "wall_thickness"));
+        let is_large = wall.area >= (5.0 * face).max(0.005 * a.min(b));
+        let is_wall = wall.thickness <= 1.8 * c.max(d);
+        assert_eq!(wall.neighbour, is_large && is_wall, "{wall:?}");
+    }
     for (row, &id) in ids.iter().enumerate() {
         let open = (0..necks.rows.len())
             .map(|row| ["cell_a", "cell_b"].map(|name| number(&necks, row, name) as u64));
         let own = walls.iter().filter(|wall| wall.cells.contains(&id));
-        let large = own.clone().filter(|wall| {
-            let [a, b] = wall.cells.map(area);
-            wall.area >= (10.0 * face).max(0.01 * a.min(b))
-        });
+        let beside = own.clone().filter(|wall| wall.neighbour);
         let mut pairs: Vec<[u64; 2]> = open.filter(|pair| pair.contains(&id)).collect();
-        pairs.extend(large.map(|wall| wall.cells));
+        pairs.extend(beside.map(|wall| wall.cells));
         pairs.sort_unstable();
         pairs.dedup();
         assert_eq!(
@@ -728,6 +802,7 @@ fn walls_of_closed_cells_change_nothing_else() {
         "cells.parquet",
         "objects.parquet",
         "surfaces.parquet",
+        "walls.parquet",
         "walls.csv",
     ] {
         assert!(after.remove(name).is_some());

@@ -73,7 +73,7 @@ More of cells that are parts of components (alvis convert --split or --labels):
   component             the connected part of the air that it is a part of: id in components.csv
   necks, largest_neck   cells that it is open to; radius of the widest opening
 More of cells of sets made with alvis convert --walls:
-  neighbours            cells that it has an opening or a wall to, very small walls left out
+  neighbours            cells that it has an opening or a wall to, very small and very thick walls left out
   wall_thickness        median thickness of its walls by area; walls.csv has each of them
 Columns of openings (--necks):
   cell_a, cell_b        the two cells
@@ -87,7 +87,8 @@ Columns of walls (--walls):
   wall_area             area of what lies between them
   wall_thickness        median of its thickness over its chords: lines of voxels from one cell to the other
   chords                how many these are
-  thin                  most of them are shorter than 2 voxels: thinner than the scan shows";
+  thin                  most of them are shorter than 2 voxels: thinner than the scan shows
+  neighbour             it makes the two neighbours: it is neither very small nor much thicker than their other walls";
 
 /// Form of the rows, as typed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]

@@ -96,7 +96,8 @@ pub struct ConvertArgs {
     /// Close the surface half a voxel outside the volume's faces
     #[arg(long)]
     cap: bool,
-    /// Leave out objects and cells of fewer voxels; they are filled with the other phase
+    /// Leave out objects and cells of fewer voxels; they are filled with the other phase. Of cells that are split, and of those
+    /// of --labels, it goes by the connected parts that they are of
     #[arg(long, value_name = "N", default_value_t = 0)]
     min_voxels: u64,
     /// The cells are those of this volume of labels, of the same size: a voxel below belongs to the cell of its label
@@ -315,7 +316,6 @@ impl ConvertArgs {
         if self.out_dir.is_none() {
             console.note(&understood);
         }
-        console.listen();
         let mut report = convert::convert(&*opened.volume, &options, out, console)
             .map_err(|e| again.resumable(how_found(e, &how), out))
             .inspect_err(|e| {

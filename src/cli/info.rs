@@ -186,6 +186,7 @@ impl InfoArgs {
         let roi = region.find(
             (&*opened.volume, opened.provenance.frame),
             crop.as_ref(),
+            UNLIMITED,
             console,
         )?;
         let doubts = roi.as_ref().map_or(&[][..], Roi::warnings);

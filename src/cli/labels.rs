@@ -2,24 +2,25 @@
 
 use crate::cli::input::{check_read, open_beside};
 use crate::cli::same_place::{parts_of_other, same_place};
-use crate::convert::{CellRows, LabelRows, LabelSums, LabelVolume, Labels};
+use crate::convert::{CellRows, LabelRows, LabelSums, LabelVolume, Labels, check_read_beside};
 use crate::error::{Error, Result};
 use crate::grid::{Dims, Dtype, Endian, Frame};
 use crate::progress::Progress;
-use crate::volume::{self, Header, Headerless, OpenOptions, Opened, Stamp, file_name};
+use crate::volume::{self, Headerless, OpenOptions, Opened, Stamp, Volume, file_name};
 use std::path::Path;
 
-/// Opens and reads the labels of the voxels of a volume, which lies in this world.
+/// Opens and reads the labels of the voxels of a volume, which lies in this world, in at most so many bytes of memory.
 ///
 /// # Errors
-/// Those of opening a volume and of [`CellRows::of_labels`]; [`Error::InputChanged`].
+/// Those of opening a volume and of [`CellRows::of_labels`]; [`Error::InputChanged`]; [`Error::Memory`].
 pub fn read_labels(
     path: &Path,
-    place: (&Header, Frame),
+    place: (&dyn Volume, Frame),
+    memory: u64,
     progress: &dyn Progress,
 ) -> Result<Labels> {
-    let dims = place.0.dims;
-    let (opened, stamp) = open_in(path, place)?;
+    let dims = place.0.header().dims;
+    let (opened, stamp) = open_in(path, place, memory, progress)?;
     let kept_in = std::env::temp_dir();
     let (rows, checksum) = CellRows::of_labels(&*opened.volume, dims, &kept_in, progress)?;
     check_read(&stamp, progress)?;
@@ -37,17 +38,19 @@ pub fn read_labels(
 /// As of [`read_labels`]; [`Error::Usage`] if slices cannot be read by themselves.
 pub fn labels_of_parts(
     path: &Path,
-    place: (&Header, Frame),
+    place: (&dyn Volume, Frame),
+    memory: u64,
     progress: &dyn Progress,
 ) -> Result<Labels> {
-    let (opened, stamp) = open_in(path, place)?;
+    let dims = place.0.header().dims;
+    let (opened, stamp) = open_in(path, place, memory, progress)?;
     if !opened.volume.random_access() {
         let found = format!("{}, which is packed as one stream", path.display());
         let expected = "labels of which each part can read its own";
         return Err(Error::usage("--labels", found, expected)
             .with_hint("unpack it first, as by `gunzip -k` or `zstd -d`"));
     }
-    let sums = LabelSums::of(&*opened.volume, place.0.dims, progress)?;
+    let sums = LabelSums::of(&*opened.volume, dims, progress)?;
     check_read(&stamp, progress)?;
     check_any(sums.largest)?;
     Ok(on_demand(path, opened, stamp, &sums))
@@ -80,9 +83,23 @@ fn on_demand(path: &Path, opened: Opened, stamp: Stamp, sums: &LabelSums) -> Lab
     }
 }
 
-/// Opens the labels of a volume, which lies in this world.
-fn open_in(path: &Path, (header, frame): (&Header, Frame)) -> Result<(Opened, Stamp)> {
+/// Opens the labels of a volume, which lies in this world, to be read in at most so many bytes of memory.
+fn open_in(
+    path: &Path,
+    (volume, frame): (&dyn Volume, Frame),
+    memory: u64,
+    progress: &dyn Progress,
+) -> Result<(Opened, Stamp)> {
+    let header = volume.header();
     let (opened, stamp) = open(path, header.dims)?;
+    check_read_beside(volume, &*opened.volume, "--labels", memory)?;
+    if opened.volume.header().format == "raw" {
+        progress.warn(&format!(
+            "the labels {} state no type: they are read as {}, by their size, and in little endian if they have more bytes than one",
+            path.display(),
+            opened.volume.header().dtype
+        ));
+    }
     if header.dims == opened.volume.header().dims {
         let place = (&header.placement, frame);
         same_place("--labels", "labels", path, &opened, place)?;
@@ -145,6 +162,7 @@ fn options(path: &Path, dims: Dims) -> OpenOptions {
 mod tests {
     use super::*;
     use crate::grid::Placement;
+    use crate::volume::MemoryVolume;
 
     /// Writes to a file when its first slice has been read.
     struct Writer<'a>(&'a Path);
@@ -160,19 +178,15 @@ mod tests {
         let dir = tempfile::tempdir().unwrap();
         let path = dir.path().join("labels.raw");
         std::fs::write(&path, [1; 4 * 3 * 2]).unwrap();
-        let header = Header {
-            format: "raw",
-            endian: Endian::Little,
-            dims: Dims([4, 3, 2]),
-            dtype: Dtype::U8,
-            placement: Placement::default(),
+        let scan = MemoryVolume::new(Dims([4, 3, 2]), Placement::default(), vec![0u8; 24]).unwrap();
+        let read = |progress: &dyn Progress| {
+            read_labels(&path, (&scan, Frame::Unstated), u64::MAX, progress)
         };
-        let read = read_labels(&path, (&header, Frame::Unstated), &crate::progress::Quiet);
-        let LabelRows::Read(rows) = read.unwrap().rows else {
+        let LabelRows::Read(rows) = read(&crate::progress::Quiet).unwrap().rows else {
             panic!("rows that are kept");
         };
         assert_eq!(rows.largest(), 1);
-        let read = read_labels(&path, (&header, Frame::Unstated), &Writer(&path));
+        let read = read(&Writer(&path));
         assert!(matches!(read, Err(Error::InputChanged { .. })), "{read:?}");
     }
 }

@@ -84,6 +84,7 @@ impl ConvertArgs {
         let path = input.path().to_path_buf();
         let (mut opened, stamp) = input.open(&self.options.options(), out)?;
         opened.doubt_size()?;
+        console.listen();
         let opened = self.options.filters.apply(opened)?;
         let mut options = self.of_opened(&opened, stamp)?;
         let (volume, frame) = (&*opened.volume, opened.provenance.frame);
@@ -91,7 +92,7 @@ impl ConvertArgs {
         if let Purpose::Known(known) = purpose {
             options.threshold = known.threshold;
             options.region = match &known.region {
-                Some(stated) => Some(region.find_again(stated, volume, console)?),
+                Some(stated) => Some(region.find_again(stated, volume, options.memory, console)?),
                 None => None,
             };
             options.labels = match (&self.labels, &known.labels) {
@@ -112,7 +113,12 @@ impl ConvertArgs {
                 _ => convert::check_before(volume, &options, in_region, out)?,
             }
         }
-        let roi = region.find((volume, frame), options.crop.as_ref(), console)?;
+        let roi = region.find(
+            (volume, frame),
+            options.crop.as_ref(),
+            options.memory,
+            console,
+        )?;
         let doubts = roi
             .as_ref()
             .map_or(Vec::new(), |roi| roi.warnings().to_vec());
@@ -127,10 +133,10 @@ impl ConvertArgs {
             }
             None => None,
         };
-        let place = (volume.header(), frame);
+        let (place, memory) = ((volume, frame), options.memory);
         options.labels = match (&self.labels, purpose) {
-            (Some(path), Purpose::Plan) => Some(labels_of_parts(path, place, console)?),
-            (Some(path), _) => Some(read_labels(path, place, console)?),
+            (Some(path), Purpose::Plan) => Some(labels_of_parts(path, place, memory, console)?),
+            (Some(path), _) => Some(read_labels(path, place, memory, console)?),
             (None, _) => None,
         };
         let understood = understood(&opened, &options, found, &how)?;

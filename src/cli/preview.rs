@@ -165,7 +165,7 @@ impl PreviewArgs {
             let region = asked.find_as(manifest, volume, "--tiles", console)?;
             return Ok((region, None));
         }
-        let roi = asked.find((volume, opened.provenance.frame), None, console)?;
+        let roi = asked.find((volume, opened.provenance.frame), None, u64::MAX, console)?;
         let warnings = roi.as_ref().map_or(&[][..], Roi::warnings);
         warnings.iter().for_each(|w| console.warn(w));
         Ok(roi.map(|roi| (roi.voxels, roi.fill)).unzip())

@@ -2,7 +2,7 @@
 
 use crate::cli::input::{check_read, open_beside};
 use crate::cli::same_place::{parts_of_other, same_place};
-use crate::convert::RegionOfInterest;
+use crate::convert::{RegionOfInterest, check_read_beside};
 use crate::error::{Error, Result};
 use crate::grid::{Crop, Cylinder, Dims, Dtype, Endian, Fill, Frame, Placement, Region, Shape};
 use crate::manifest::Manifest;
@@ -125,14 +125,16 @@ impl RegionArgs {
         }
     }
 
-    /// The region of a volume, of which `crop` is what counts at all; `None` if all of it counts.
+    /// The region of a volume, of which `crop` is what counts at all; `None` if all of it counts. A mask is read in at most
+    /// `memory` bytes.
     ///
     /// # Errors
-    /// Those of [`find_cylinder`] and [`RegionVoxels::of_mask`], and of opening the mask.
+    /// Those of [`find_cylinder`] and [`RegionVoxels::of_mask`], and of opening the mask; [`Error::Memory`].
     pub fn find(
         &self,
         (volume, frame): (&dyn Volume, Frame),
         crop: Option<&Crop>,
+        memory: u64,
         progress: &dyn Progress,
     ) -> Result<Option<Roi>> {
         self.check()?;
@@ -145,7 +147,7 @@ impl RegionArgs {
         let (shape, voxels) = match asked {
             RegionArg::Mask(path) => {
                 let place = Some((&header.placement, frame));
-                read_mask(path, dims, place, progress)?
+                read_mask(path, (volume, place), memory, progress)?
             }
             RegionArg::Found => {
                 let cylinder = find_cylinder(volume, slices(dims, crop), progress)?;
@@ -182,12 +184,13 @@ impl RegionArgs {
         &self,
         stated: &Region,
         volume: &dyn Volume,
+        memory: u64,
         progress: &dyn Progress,
     ) -> Result<RegionOfInterest> {
         let header = volume.header();
         let voxels = match (&stated.shape, &self.roi) {
             (Shape::Mask { .. }, Some(RegionArg::Mask(path))) => {
-                let (found, voxels) = read_mask(path, header.dims, None, progress)?;
+                let (found, voxels) = read_mask(path, (volume, None), memory, progress)?;
                 if found != stated.shape {
                     let expected = format!("the mask as it was: {}", stated.shape);
                     return Err(Error::usage("--roi", found.to_string(), expected));
@@ -252,7 +255,7 @@ impl RegionArgs {
                 RegionVoxels::cylinder(cylinder, dims).map(Some)
             }
             (Some(Shape::Mask { checksum, .. }), Some(RegionArg::Mask(path))) => {
-                let (found, voxels) = read_mask(path, dims, None, progress)?;
+                let (found, voxels) = read_mask(path, (volume, None), u64::MAX, progress)?;
                 match found {
                     Shape::Mask { checksum: own, .. } if own == *checksum => Ok(Some(voxels)),
                     _ => Err(other(format!(
@@ -316,13 +319,15 @@ fn of_mask(error: Error, path: &Path, dims: Dims) -> Error {
     }
 }
 
-/// Opens and reads a mask for a volume of this size, and in this place unless its checksum tells that it is the right one.
+/// Opens and reads a mask for a volume, and in this place unless its checksum tells that it is the right one, in at most
+/// so many bytes of memory.
 fn read_mask(
     path: &Path,
-    dims: Dims,
-    place: Option<(&Placement, Frame)>,
+    (volume, place): (&dyn Volume, Option<(&Placement, Frame)>),
+    memory: u64,
     progress: &dyn Progress,
 ) -> Result<(Shape, RegionVoxels)> {
+    let dims = volume.header().dims;
     let options = OpenOptions {
         headerless: Some(Headerless {
             dims: dims.0.map(u64::from),
@@ -338,6 +343,7 @@ fn read_mask(
         same_place("--roi", "the mask", path, &opened, place)?;
     }
     let mask = opened.volume;
+    check_read_beside(volume, &*mask, "--roi", memory)?;
     let kept_in = std::env::temp_dir();
     let (voxels, checksum) = RegionVoxels::of_mask(&*mask, dims, &kept_in, progress)?;
     check_read(&stamp, progress)?;

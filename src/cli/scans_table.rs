@@ -24,7 +24,7 @@ const TILE_SET: usize = 1;
 const STATUS: usize = 2;
 
 /// The columns in their order; each is a member of a [`Row`] as JSON.
-const COLUMNS: [&str; 35] = [
+const COLUMNS: [&str; 38] = [
     "scan",
     "tile_set",
     "status",
@@ -54,12 +54,15 @@ const COLUMNS: [&str; 35] = [
     "cells_whole",
     "components",
     "necks",
+    "walls",
     "surfaces",
     "porosity",
     "porosity_of",
     "table_unit",
     "equivalent_diameter_mean",
     "equivalent_diameter_median",
+    "neighbours_mean",
+    "wall_thickness_median",
 ];
 
 /// What became of a scan.
@@ -184,12 +187,17 @@ pub struct Facts {
     /// Those that cells are parts of, and the openings between cells, if cells are parts.
     components: Option<u64>,
     necks: Option<u64>,
+    /// Pairs of cells with a wall between them, if these were looked for.
+    walls: Option<u64>,
     surfaces: u64,
     porosity: Option<f64>,
     porosity_of: PorosityOf,
     table_unit: String,
     equivalent_diameter_mean: Option<f64>,
     equivalent_diameter_median: Option<f64>,
+    /// Of whole cells, likewise.
+    neighbours_mean: Option<f64>,
+    wall_thickness_median: Option<f64>,
 }
 
 impl Facts {
@@ -225,12 +233,15 @@ impl Facts {
             cells_whole: sums.count - sums.border.count,
             components: m.cells.as_ref().map(|_| m.totals.components),
             necks: m.cells.as_ref().map(|_| m.totals.necks),
+            walls: m.tables.walls.as_ref().map(|_| m.totals.walls),
             surfaces: m.totals.surfaces,
             porosity: sums.porosity,
             porosity_of: sums.porosity_of,
             table_unit: m.measured().unit.to_string(),
             equivalent_diameter_mean: diameter.map(|d| d.mean),
             equivalent_diameter_median: diameter.map(|d| d.median),
+            neighbours_mean: sums.neighbours.as_ref().map(|n| n.mean),
+            wall_thickness_median: sums.wall_thickness.as_ref().map(|t| t.median),
         })
     }
 

@@ -54,8 +54,9 @@ impl VerifyArgs {
         drop(console);
         if self.common.json {
             output::print_json(&report)?;
-        } else if self.common.talks() {
-            output::print(&text(&report))?;
+        } else {
+            let verdict = self.common.talks().then(|| verdict(&report));
+            output::print(&(issues(&report) + &verdict.unwrap_or_default()))?;
         }
         Ok(if report.ok {
             Outcome::Done
@@ -139,7 +140,8 @@ fn copied<'a>(volume: &'a dyn Volume, dir: &Path) -> Result<Option<Box<dyn Volum
     }
 }
 
-fn text(report: &Report) -> String {
+/// The issues, a line each.
+fn issues(report: &Report) -> String {
     let mut text: String = report.issues.iter().map(issue).collect();
     if report.issues_omitted > 0 {
         let _ = writeln!(
@@ -148,7 +150,7 @@ fn text(report: &Report) -> String {
             output::count(report.issues_omitted)
         );
     }
-    text + &verdict(report)
+    text
 }
 
 fn issue(issue: &Issue) -> String {

@@ -176,11 +176,7 @@ impl Conversion<'_> {
             transform: placement.gltf_matrix(),
             totals,
             layers: Vec::new(),
-            tables: match options.has_parts() {
-                true => Tables::named(options.parquet).with_components(),
-                false => Tables::named(options.parquet),
-            }
-            .with_walls(options.walls),
+            tables: Tables::named(options.parquet).with(options.has_parts(), options.walls),
             selection: None,
             lod: None,
             checksum: None,

@@ -61,8 +61,10 @@ pub const FOR_NEXT_BATCH: u64 = 64 << 20;
 /// Pieces of some tiles whose cells are measured once for all of them, at most: 5 MB of measures.
 pub const KNOWN_PIECES: usize = 1 << 14;
 
-/// Resident memory of the program itself with its threads' stacks and allocator slack.
+/// Resident memory of the program itself with the stacks and the allocator slack of two threads.
 const PROGRAM_BYTES: u64 = 20 << 20;
+/// The same of each thread more: 16 of them took 8 MB more than was planned without.
+const BYTES_PER_THREAD: u64 = 768 << 10;
 /// Bytes per voxel of a band's bits, run numbers and labels: 1/8 + 1/16, and 8 bytes for each of
 /// about 0.06 runs a voxel (a foam has 0.05, both phases together).
 const BAND_BYTES_PER_VOXEL: f64 = 0.19 + 0.06 * 8.0;
@@ -91,6 +93,14 @@ pub const BYTES_PER_NODE: u64 = 4096;
 /// Bytes for each piece of a tile with a node for each, while it is finished or read: its nodes, and the JSON of all
 /// of them, some 1300 bytes each. To finish 91,125 pieces took 2600 bytes each, and to verify them 3600.
 pub const BYTES_PER_OWN_NODE: u64 = 4000;
+/// Bytes of samples that are read at once before a conversion begins, at most.
+const SAMPLES_AT_ONCE: u64 = 4 << 20;
+
+/// Bytes that a volume of labels or of a mask is read in, besides what it keeps.
+pub fn reading_bytes() -> u64 {
+    PROGRAM_BYTES + SAMPLES_AT_ONCE
+}
+
 /// Predicted bytes of the parts of a conversion.
 pub struct Cost {
     /// Of [`PROGRAM`].
@@ -105,7 +115,6 @@ pub struct Cost {
     pub per_triangle: u64,
     /// Of a tile that is written.
     pub body: u64,
-    threads: u64,
 }
 
 impl Cost {
@@ -155,6 +164,7 @@ impl Cost {
         let slabs = f64::from(nx) * f64::from(ny) * SLAB_BYTES_PER_PIXEL;
         Cost {
             program: PROGRAM_BYTES
+                + threads.saturating_sub(2) as u64 * BYTES_PER_THREAD
                 + volume.held_bytes()
                 + options.labels.as_ref().map_or(0, Labels::held_bytes)
                 + unpacking
@@ -164,13 +174,12 @@ impl Cost {
             tile: (tile as u64).max(SMALLEST_TILE) + (held - body) as u64,
             per_triangle,
             body: held as u64,
-            threads: threads as u64,
         }
     }
 
-    /// Of all, with so many bands.
-    pub fn total(&self, bands: u64) -> u64 {
-        self.program + self.slabs + bands * self.band + self.threads * self.tile
+    /// Of all, with so many bands and tiles at once.
+    pub fn total(&self, bands: u32, tiles: usize) -> u64 {
+        self.program + self.slabs + u64::from(bands) * self.band + tiles as u64 * self.tile
     }
 }
 

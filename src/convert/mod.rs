@@ -33,6 +33,7 @@ pub use crate::split::NeckRule;
 pub use crate::tileset::{check_output, interrupted};
 pub use given_labels::{LabelRows, LabelVolume, Labels};
 pub use options::{ConvertOptions, ConvertReport, RegionOfInterest};
+pub use plan::check_read_beside;
 pub use tables::unit_text;
 
 use crate::checkpoint::{Checkpointer, boot};
@@ -221,6 +222,12 @@ fn run(job: &Conversion, out: &Path) -> Result<Done> {
         job.progress
             .warn("nothing to resume: the directory holds this tile set already, whole");
         tidy(out)?;
+        if interrupted(out).is_some() {
+            job.progress.warn(&format!(
+                "what another conversion has begun beside it is left: the same with --force begins anew, or remove {}",
+                out.join(crate::manifest::PARTIAL).display()
+            ));
+        }
         return Ok(all_done(made));
     }
     if options.resume && !options.force {

@@ -2,7 +2,7 @@
 
 use crate::convert::ConvertOptions;
 use crate::convert::cells::splitting_bytes;
-use crate::convert::memory::{Cost, FINISHING, FOR_TABLES, PROGRAM, TABLES, WRITES};
+use crate::convert::memory::{Cost, FINISHING, FOR_TABLES, PROGRAM, TABLES, WRITES, reading_bytes};
 use crate::error::{Error, MemoryUse, Result};
 use crate::grid::{Dims, Tiling};
 use crate::sys::background_writer::in_flight;
@@ -99,11 +99,14 @@ pub fn plan(
     };
     check_reach(options.encoding, tiling)?;
     let cost = Cost::of(volume, tiling, threads, options, in_region);
+    // with less, tiles wait for each other
+    let fits = |tiles: &usize| cost.total(1, *tiles) <= options.memory;
+    let tiles_at_once = (1..=threads).rev().find(fits).unwrap_or(1);
     let smallest = Plan {
         tiling,
         bands_at_once: 1,
         threads,
-        memory: cost.total(1),
+        memory: cost.total(1, tiles_at_once),
         limit: options.memory,
         fixed: cost.program,
         front: cost.slabs,
@@ -115,13 +118,39 @@ pub fn plan(
         return Err(Error::Memory {
             limit: options.memory,
             needed: smallest.memory,
-            hint: "fewer --threads or a smaller --macrocube need less, a surface denser than that of a foam more".into(),
+            hint: "fewer --threads or a smaller --macrocube need less, a surface denser than that of a foam more"
+                .into(),
         });
     }
     let plan = smallest.with_bands(&cost).with_writers();
     Ok(match options.split {
         Some(_) => plan.with_splitting(),
         None => plan,
+    })
+}
+
+/// Refuses another volume, which `option` gives and which is read beside a volume before its conversion begins, if that
+/// takes more memory than `limit` bytes.
+///
+/// # Errors
+/// [`Error::Memory`].
+pub fn check_read_beside(
+    volume: &dyn Volume,
+    other: &dyn Volume,
+    option: &str,
+    limit: u64,
+) -> Result<()> {
+    let needed =
+        reading_bytes() + volume.held_bytes() + other.held_bytes() + other.mapped_bytes(0..1);
+    if needed <= limit {
+        return Ok(());
+    }
+    Err(Error::Memory {
+        limit,
+        needed,
+        hint: format!(
+            "the file of {option} is read in parts so large: smaller chunks need less, or a file without any (.npy, .nrrd)"
+        ),
     })
 }
 
@@ -132,7 +161,7 @@ impl Plan {
         let most = (bands * layers).min(self.threads as u64) as u32;
         let with = |bands_at_once: u32| Plan {
             bands_at_once,
-            memory: cost.total(bands_at_once.into()),
+            memory: cost.total(bands_at_once, self.threads),
             ..self
         };
         let mut all = (2..=most).rev().map(with);

@@ -4,7 +4,7 @@ use crate::convert::cells::Opening;
 use crate::convert::components::{Components, SEVERAL};
 use crate::convert::finalize::Stop;
 use crate::convert::id_places::IdPlaces;
-use crate::convert::walls::Wall;
+use crate::convert::walls::{NeighbourRule, Wall};
 use crate::error::{Error, Result};
 use crate::grid::{Placement, Unit};
 use crate::manifest::{COMPONENTS, NECKS, WALLS};
@@ -121,9 +121,7 @@ pub fn write_tables(
                 };
                 bytes += write_necks(&work.join(NECKS), openings, placement)?;
             }
-            if let Some(known) = &components.walls {
-                bytes += write_walls(&work.join(WALLS), &known.walls, placement)?;
-            }
+            bytes += write_walls(&work.join(WALLS), components, placement)?;
             Ok(bytes)
         },
         || {
@@ -203,31 +201,38 @@ fn write_necks(path: &Path, openings: ListOf, place: &Placement) -> Result<u64> 
         &NECK_COLUMNS,
         openings,
         place.unit,
-        |opening: Opening| NeckRow {
-            cells: opening.cells,
-            radius: known(opening.radius),
-            ratio: known(opening.ratio),
-            place: known(opening.place[0]).map(|_| place.world(opening.place)),
-            area: opening.area,
+        |opening: Opening| {
+            Ok(NeckRow {
+                cells: opening.cells,
+                radius: known(opening.radius),
+                ratio: known(opening.ratio),
+                place: known(opening.place[0]).map(|_| place.world(opening.place)),
+                area: opening.area,
+            })
         },
     )
 }
 
-/// Writes `walls.csv` and returns its size.
-fn write_walls(path: &Path, walls: &SpillFile, place: &Placement) -> Result<u64> {
+/// Writes `walls.csv`, if walls are known, and returns its size.
+fn write_walls(path: &Path, components: &Components, place: &Placement) -> Result<u64> {
+    let Some(known) = &components.walls else {
+        return Ok(0);
+    };
     let finest = finest(place);
+    let rule = NeighbourRule::new(components, &known.of_cells, place);
     let walls = ListOf {
-        records: walls,
+        records: &known.walls,
         has_titles: true,
     };
     write_list(path, &WALL_COLUMNS, walls, place.unit, |wall: Wall| {
-        WallRow {
+        Ok(WallRow {
             cells: wall.cells,
             area: wall.area(place.spacing),
             thickness: wall.thickness * finest,
             chords: wall.chords,
             thin: 2 * wall.thin > wall.area_steps,
-        }
+            neighbour: rule.holds(&wall)?,
+        })
     })
 }
 
@@ -244,7 +249,7 @@ fn write_list<T: bytemuck::Pod, R>(
     columns: &[Column<R>],
     list: ListOf,
     unit: Unit,
-    row_of: impl Fn(T) -> R,
+    row_of: impl Fn(T) -> Result<R>,
 ) -> Result<u64> {
     let failed = |e| Error::io(path, "write", e);
     let file = File::create(path).map_err(|e| Error::io(path, "create", e))?;
@@ -268,7 +273,7 @@ fn write_list<T: bytemuck::Pod, R>(
             text: &mut text,
             started,
         }
-        .put_all(columns, &row_of(record));
+        .put_all(columns, &row_of(record)?);
         text.push('\n');
         put(&mut text)
     })?;

@@ -142,6 +142,11 @@ impl Writer for Glb {
     }
 
     fn warning(&self) -> Option<String> {
-        (!self.ids).then(|| format!("there are more than {MOST_ID} cells: their ids are left out"))
+        (!self.ids).then(|| {
+            format!(
+                "ids of cells are left out: they go up to {}, and a GLB holds them exactly up to {MOST_ID}; a .ply has them",
+                self.cells
+            )
+        })
     }
 }

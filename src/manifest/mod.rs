@@ -28,7 +28,9 @@ pub use selection::{ColourBy, Paint, Painted, Selection, Step, Table, WholeTotal
 pub use shard::ShardTiles;
 pub(crate) use shard_text::{ShardFault, ShardText};
 pub(crate) use shard_writer::{ShardWriter, entry_text, shard_path};
-pub(crate) use tables::{COMPONENTS, NECKS, WALLS};
+pub(crate) use tables::{
+    COMPONENTS, COMPONENTS_PARQUET, NECKS, NECKS_PARQUET, WALLS, WALLS_PARQUET,
+};
 pub use tables::{ParquetTables, TableChecksums, Tables};
 
 use crate::error::Result;

@@ -22,6 +22,13 @@ pub const PARTIAL: &str = ".alvis-partial";
 /// above or below is the tile set.
 pub fn manifest_file(dir: &Path, action: &'static str) -> Result<PathBuf> {
     file_inside(dir, MANIFEST, action).map_err(|error| {
+        if dir.is_file() {
+            let hint = match sets_beside(dir).as_slice() {
+                [] => "`alvis convert` makes one of a volume".to_owned(),
+                sets => format!("did you mean {}?", sets.join(" or ")),
+            };
+            return Error::format(dir, "a file", "the directory of a tile set").with_hint(&hint);
+        }
         let missing =
             matches!(&error, Error::Io { source, .. } if source.kind() == ErrorKind::NotFound);
         if !missing || !dir.is_dir() {

@@ -27,29 +27,27 @@ impl Manifest {
             let failed = |e| Error::io(&path, "read back the table", e);
             checksum_of(File::open(&path).map_err(failed)?).map_err(failed)
         };
-        let of_all = |[cells, objects, surfaces]: [&String; 3]| -> Result<TableChecksums> {
+        let of_all = |[cells, objects, surfaces]: [&String; 3],
+                      more: [&Option<String>; 3]|
+         -> Result<TableChecksums> {
+            let [components, necks, walls] = more.map(|name| name.as_deref().map(of).transpose());
             Ok(TableChecksums {
                 cells: of(cells)?,
                 objects: of(objects)?,
                 surfaces: of(surfaces)?,
-                components: None,
-                necks: None,
-                walls: None,
+                components: components?,
+                necks: necks?,
+                walls: walls?,
             })
         };
         let tables = &mut self.tables;
         let csv = [&tables.cells, &tables.objects, &tables.surfaces];
         let more = [&tables.components, &tables.necks, &tables.walls];
-        let [components, necks, walls] = more.map(|name| name.as_deref().map(of).transpose());
-        tables.checksums = Some(TableChecksums {
-            components: components?,
-            necks: necks?,
-            walls: walls?,
-            ..of_all(csv)?
-        });
+        tables.checksums = Some(of_all(csv, more)?);
         if let Some(tables) = &mut tables.parquet {
             let parquet = [&tables.cells, &tables.objects, &tables.surfaces];
-            tables.checksums = Some(of_all(parquet)?);
+            let more = [&tables.components, &tables.necks, &tables.walls];
+            tables.checksums = Some(of_all(parquet, more)?);
         }
         self.layers = Vec::new();
         self.checksum = Some(BLANK.into());

@@ -35,32 +35,55 @@ pub(crate) const COMPONENTS: &str = "components.csv";
 pub(crate) const NECKS: &str = "necks.csv";
 /// `walls.csv`.
 pub(crate) const WALLS: &str = "walls.csv";
+/// The same as Parquet.
+pub(crate) const COMPONENTS_PARQUET: &str = "components.parquet";
+pub(crate) const NECKS_PARQUET: &str = "necks.parquet";
+pub(crate) const WALLS_PARQUET: &str = "walls.parquet";
 
 impl Tables {
-    /// The same with the tables of sets whose cells are parts of components.
-    pub(crate) fn with_components(self) -> Self {
+    /// The same with the tables of sets whose cells are `parts` of components, and that of `walls`.
+    pub(crate) fn with(self, parts: bool, walls: bool) -> Self {
+        let named = |there: bool, name: &str| there.then(|| name.to_owned());
         Tables {
-            components: Some(COMPONENTS.into()),
-            necks: Some(NECKS.into()),
+            components: named(parts, COMPONENTS),
+            necks: named(parts, NECKS),
+            walls: named(walls, WALLS),
+            parquet: self.parquet.map(|parquet| ParquetTables {
+                components: named(parts, COMPONENTS_PARQUET),
+                necks: named(parts, NECKS_PARQUET),
+                walls: named(walls, WALLS_PARQUET),
+                ..parquet
+            }),
             ..self
         }
-    }
-
-    /// The same with the table of walls, if there is one.
-    pub(crate) fn with_walls(self, walls: bool) -> Self {
-        let walls = walls.then(|| WALLS.into());
-        Tables { walls, ..self }
     }
 
     /// The same with those of these that `other` has.
     pub(crate) fn with_those_of(self, other: &Tables) -> Self {
-        let named = |path: &Option<String>, name: &str| path.is_some().then(|| name.into());
-        Tables {
-            components: named(&other.components, COMPONENTS),
-            necks: named(&other.necks, NECKS),
-            walls: named(&other.walls, WALLS),
-            ..self
-        }
+        self.with(other.necks.is_some(), other.walls.is_some())
+    }
+
+    /// Those in CSV that there are, each with the checksum that is stated of it.
+    pub(crate) fn sums(&self) -> impl Iterator<Item = (&str, &str)> {
+        let stated = self.checksums.as_ref();
+        let always = stated.map(|of| {
+            [
+                (&self.cells, &of.cells),
+                (&self.objects, &of.objects),
+                (&self.surfaces, &of.surfaces),
+            ]
+        });
+        let more = stated.map(|of| {
+            [
+                (&self.components, &of.components),
+                (&self.necks, &of.necks),
+                (&self.walls, &of.walls),
+            ]
+        });
+        let more = more.into_iter().flatten();
+        let more = more.filter_map(|(path, of)| Some((path.as_ref()?, of.as_ref()?)));
+        let all = always.into_iter().flatten().chain(more);
+        all.map(|(path, of)| (path.as_str(), of.as_str()))
     }
 
     /// Under the names that this program gives them.
@@ -77,6 +100,9 @@ impl Tables {
                 cells: Table::Cells.parquet_file().into(),
                 objects: Table::Objects.parquet_file().into(),
                 surfaces: Table::Surfaces.parquet_file().into(),
+                components: None,
+                necks: None,
+                walls: None,
                 checksums: None,
             }),
         }
@@ -92,7 +118,16 @@ pub struct ParquetTables {
     pub objects: String,
     /// `surfaces.parquet`.
     pub surfaces: String,
-    /// Checksums of the three files; `None` until the manifest is written.
+    /// `components.parquet`, if there is a table of these.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub components: Option<String>,
+    /// `necks.parquet`, likewise.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub necks: Option<String>,
+    /// `walls.parquet`, likewise.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub walls: Option<String>,
+    /// Checksums of the files; `None` until the manifest is written.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub checksums: Option<TableChecksums>,
 }

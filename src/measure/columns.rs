@@ -211,16 +211,19 @@ pub struct WallRow {
     pub chords: u64,
     /// More than half of its area is thinner than a scan resolves.
     pub thin: bool,
+    /// It makes its cells neighbours.
+    pub neighbour: bool,
 }
 
 /// Columns of `walls.csv`.
-pub const WALL_COLUMNS: [Column<WallRow>; 6] = [
+pub const WALL_COLUMNS: [Column<WallRow>; 7] = [
     in_table("cell_a", 0, Get::Count(|w| w.cells[0])),
     in_table("cell_b", 0, Get::Count(|w| w.cells[1])),
     in_table("wall_area", 2, Get::Real(|w| w.area)),
     in_table("wall_thickness", 1, Get::Real(|w| w.thickness)),
     in_table("chords", 0, Get::Count(|w| w.chords)),
     in_table("thin", 0, Get::Flag(|w| w.thin)),
+    in_table("neighbour", 0, Get::Flag(|w| w.neighbour)),
 ];
 
 /// A surface, and its area in the square of the unit.

@@ -130,10 +130,11 @@ impl Settings {
 /// for each whole cell, and with a picture some 16 bytes for each voxel of a slice.
 ///
 /// # Errors
-/// What reading returns, those of [`crate::table::summarise`], [`crate::structure::structure`] and
+/// What reading returns, those of [`TileSet::check_tables`], [`crate::table::summarise`], [`crate::structure::structure`] and
 /// [`crate::preview::preview`].
 pub fn report(dir: &Path, options: &ReportOptions, progress: &dyn Progress) -> Result<Report> {
     let set = TileSet::open(dir)?;
+    set.check_tables()?;
     let manifest = set.manifest();
     let all = Query::default();
     let summary = summarise(dir, manifest, Table::Cells, &all, options.outside)?;

@@ -44,7 +44,7 @@ pub fn page(report: &Report) -> String {
                 (plotted::porosity(report))
                 (anisotropy(report))
                 @if let Some(necks) = &report.necks { (of_necks(necks, unit(report))) }
-                @if let Some(walls) = &report.walls { (of_walls(walls)) }
+                @if let Some(walls) = &report.walls { (of_walls(walls, &report.summary)) }
                 (outliers(report))
                 (definitions(report))
             }
@@ -147,6 +147,13 @@ fn results(report: &Report) -> Markup {
         lines.push((
             "neighbours",
             format!("mean {mean}, median {median}, of whole cells"),
+        ));
+    }
+    if let (Some(of_cells), Some(walls)) = (&s.wall_thickness, &report.walls) {
+        let median = with_unit(of_cells.median, &walls.unit);
+        lines.push((
+            "wall thickness",
+            format!("{median} (median of whole cells)"),
         ));
     }
     if let Some(lines_in) = &report.structure.mean_intercept_length {
@@ -320,22 +327,30 @@ fn of_necks(necks: &Necks, unit: &str) -> Markup {
     }
 }
 
-fn of_walls(walls: &Walls) -> Markup {
+fn of_walls(walls: &Walls, summary: &Summary) -> Markup {
     let area = with_unit(walls.wall_area, &format!("{}^2", walls.unit));
+    let spreads = [
+        ("whole cells, each by its median", &summary.wall_thickness),
+        ("walls, by their area", &walls.wall_thickness),
+    ];
+    let lines: Vec<Vec<String>> = spreads
+        .iter()
+        .filter_map(|(name, s)| Some(spread_row(name, s.as_ref()?)))
+        .collect();
     html! {
         h2 { "Walls" }
         p {
-            (things(walls.count, "wall")) " of " (area) " together; thickness in " (printed_unit(&walls.unit))
-            @if let Some(mean) = walls.mean_by_area { ", mean by area " (measure(mean)) }
-            "."
+            (things(walls.count, "wall")) " of " (area) " together; thickness in " (printed_unit(&walls.unit)) "."
             @if walls.thin > 0 {
                 " Of these, " (count(walls.thin)) " are thinner than the scan shows: their thickness is that of its blur."
             }
+            @if walls.left_out > 0 {
+                " " (things(walls.left_out, "pair")) " of cells whose wall is too small or too thick to make them neighbours "
+                "count in nothing here."
+            }
         }
-        @if let Some(spread) = &walls.wall_thickness {
-            (rows(&SPREAD, &[spread_row("thickness", spread)]))
-            (plotted::walls(walls))
-        }
+        @if !lines.is_empty() { (rows(&SPREAD, &lines)) }
+        (plotted::walls(walls))
     }
 }
 

@@ -1,15 +1,10 @@
 //! Necks and walls between cells, where a set has tables of them.
 
 use crate::error::Result;
-use crate::manifest::file_inside;
-use crate::store;
 use crate::table::{Histogram, Spread, TableReader};
 use crate::tileset::TileSet;
 use serde::Serialize;
 
-/// Their tables.
-const NECKS: &str = "necks.csv";
-const WALLS: &str = "walls.csv";
 /// The most necks that are listed.
 const WIDEST: usize = 10;
 
@@ -43,33 +38,31 @@ pub struct Neck {
     pub at: [f64; 3],
 }
 
-/// Walls between cells.
+/// Walls between cells: those that make neighbours.
 #[derive(Debug, Clone, Serialize)]
 pub struct Walls {
     /// How many.
     pub count: u64,
     /// Those of them that are thinner than the scan resolves.
     pub thin: u64,
+    /// Pairs of cells whose wall is too small or too thick to make them neighbours; they count in nothing else.
+    pub left_out: u64,
     /// Unit of thickness.
     pub unit: String,
-    /// How thick they are, by number; absent without any.
+    /// How thick they are, each counting by its area; absent without any.
     pub wall_thickness: Option<Spread>,
     /// Walls in equal bins of thickness, and their areas (as `volumes`).
     pub histogram: Option<Histogram>,
     /// Sum of their areas.
     pub wall_area: f64,
-    /// Mean thickness by area.
-    pub mean_by_area: Option<f64>,
 }
 
 /// Opens a table of pairs of cells, if the set has it.
-fn open(set: &TileSet, name: &str) -> Result<Option<TableReader>> {
-    let path = set.dir().join(name);
-    if path.symlink_metadata().is_err() && !store::is_file(&path) {
+fn open(set: &TileSet, path: &Option<String>) -> Result<Option<TableReader>> {
+    let Some(path) = path else {
         return Ok(None);
-    }
-    let path = file_inside(set.dir(), name, "open the table")?;
-    TableReader::open_keyed(&path, "cell_a").map(Some)
+    };
+    TableReader::open_keyed(&set.path(path)?, "cell_a").map(Some)
 }
 
 fn spread(mut values: Vec<f64>) -> Option<Spread> {
@@ -83,7 +76,7 @@ fn spread(mut values: Vec<f64>) -> Option<Spread> {
 /// # Errors
 /// What reading returns.
 pub fn necks(set: &TileSet) -> Result<Option<Necks>> {
-    let Some(mut table) = open(set, NECKS)? else {
+    let Some(mut table) = open(set, &set.manifest().tables.necks)? else {
         return Ok(None);
     };
     let columns = ["cell_a", "cell_b", "neck_radius", "ratio", "x", "y", "z"];
@@ -133,39 +126,40 @@ fn keep_widest(necks: &mut Vec<Neck>) {
     necks.truncate(WIDEST);
 }
 
-/// What the table of walls sums up to; `None` without one. Walls without a thickness count in number and area alone.
-/// Takes 16 bytes for each.
+/// What the table of walls sums up to; `None` without one. Takes 16 bytes for each.
 ///
 /// # Errors
 /// What reading returns.
 pub fn walls(set: &TileSet) -> Result<Option<Walls>> {
-    let Some(mut table) = open(set, WALLS)? else {
+    let Some(mut table) = open(set, &set.manifest().tables.walls)? else {
         return Ok(None);
     };
-    let [thickness, area] = ["wall_thickness", "wall_area"].map(|name| table.own_column(name));
-    let (thickness, area) = (thickness?, area?);
-    let unit = table.columns()[thickness].unit.clone();
-    let thin_at = table.columns().iter().position(|c| c.is_named("thin"));
-    let (mut count, mut thin, mut all) = (0, 0, 0.0);
+    let columns = ["wall_thickness", "wall_area", "thin", "neighbour"];
+    let columns: Vec<usize> = columns
+        .iter()
+        .map(|name| table.own_column(name))
+        .collect::<Result<_>>()?;
+    let unit = table.columns()[columns[0]].unit.clone();
+    let (mut thin, mut left_out) = (0, 0);
     let mut walls: Vec<(f64, f64)> = Vec::new();
     while let Some(row) = table.next_row()? {
-        let of_row = row.number(area)?.unwrap_or(0.0);
-        count += 1;
-        all += of_row;
-        let is_thin = thin_at.map_or(Ok(None), |at| row.number(at))?;
-        thin += u64::from(is_thin == Some(1.0));
-        walls.extend(row.number(thickness)?.map(|t| (t, of_row)));
+        let number = |i: usize| Ok(row.number(columns[i])?.unwrap_or(0.0));
+        if number(3)? == 0.0 {
+            left_out += 1;
+            continue;
+        }
+        thin += u64::from(number(2)? == 1.0);
+        walls.push((number(0)?, number(1)?));
     }
-    let known: f64 = walls.iter().map(|w| w.1).sum();
-    let weighted: f64 = walls.iter().map(|w| w.0 * w.1).sum();
-    let of_number = spread(walls.iter().map(|w| w.0).collect());
+    walls.sort_by(|a, b| a.0.total_cmp(&b.0));
+    let by_area = Spread::weighted(&walls);
     Ok(Some(Walls {
-        count,
+        count: walls.len() as u64,
         thin,
+        left_out,
         unit,
-        histogram: of_number.map(|s| Histogram::of(&walls, [s.min, s.max])),
-        wall_thickness: of_number,
-        wall_area: all,
-        mean_by_area: (known > 0.0).then(|| weighted / known),
+        histogram: by_area.map(|s| Histogram::of(&walls, [s.min, s.max])),
+        wall_thickness: by_area,
+        wall_area: walls.iter().map(|wall| wall.1).sum(),
     }))
 }

@@ -26,7 +26,7 @@ const fn definition(
 }
 
 /// In the order of the report.
-pub const DEFINITIONS: [Definition; 12] = [
+pub const DEFINITIONS: [Definition; 13] = [
     definition(
         "surface",
         "Marching cubes at the threshold; vertices linear between two voxels, on a lattice of 1/256 voxel. On an ambiguous \
@@ -90,6 +90,15 @@ pub const DEFINITIONS: [Definition; 12] = [
         "The longest by the shortest semi-axis of the ellipsoid that fits L(d) best in 31 directions: d^T M d = 1 / L(d)^2.",
         "W. J. Whitehouse, Journal of Microscopy 101, 1974, 153-168; T. P. Harrigan, R. W. Mann, Journal of Materials \
          Science 19, 1984, 761-767",
+    ),
+    definition(
+        "wall, its area and thickness, neighbours",
+        "Lines of voxels from a cell through material to another have a chord each. A wall is as thick as the median of these \
+         by the area that they stand for, each times the cosine between line and normal. Its cells are neighbours if its area \
+         is at least 5 faces of a voxel and 0.5 % of the smaller cell's, and if it is at most 1.8 times as thick as the walls \
+         of one of them; so are cells that are open to each other.",
+        "H. J. G. Gundersen, T. B. Jensen, R. Østerby, Journal of Microscopy 113, 1978, 27-43, for thickness from \
+         intercepts",
     ),
     definition(
         "outlier",

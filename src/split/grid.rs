@@ -62,6 +62,12 @@ impl SlabGrid {
         BLOCK_BYTES * (slab * threads.max(1) as u64).min(nx * ny * nz)
     }
 
+    /// Bytes of the smallest block.
+    pub fn least_bytes(dims: Dims) -> u64 {
+        let [nx, ny, nz] = dims.0.map(u64::from);
+        BLOCK_BYTES * nx * ny.min(LEAST.into()) * nz.min(LEAST.into())
+    }
+
     /// Words of the bits of a row.
     pub fn row_words(&self) -> usize {
         (self.dims.0[0] as usize).div_ceil(64)

@@ -42,13 +42,13 @@ impl Column {
 
     /// True if the values are 0 and 1 and mean a condition.
     pub fn is_condition(&self) -> bool {
-        ["touches_border", "thin"].contains(&self.name.as_str())
+        ["touches_border", "thin", "neighbour"].contains(&self.name.as_str())
     }
 
     /// True if the values are counts, ids or other whole numbers, none of which is missing but where cells are parts of
     /// components.
     pub fn is_whole(&self) -> bool {
-        const WHOLE: [&str; 16] = [
+        const WHOLE: [&str; 17] = [
             "id",
             "voxels",
             "euler_characteristic",
@@ -65,6 +65,7 @@ impl Column {
             "cell_b",
             "chords",
             "thin",
+            "neighbour",
         ];
         WHOLE.contains(&self.name.as_str())
     }

@@ -3,13 +3,13 @@
 //! | column | type |
 //! |---|---|
 //! | counts, ids | INT64; null where the CSV file has nothing, of cells that are parts of components |
-//! | `touches_border` | BOOLEAN |
+//! | `touches_border`, `thin`, `neighbour` | BOOLEAN |
 //! | others | DOUBLE, null where the CSV file has nothing |
 //!
 //! Names are without units; these are in the file's metadata under `alvis`, as JSON: `{"table": "cells", "units":
 //! {"volume": "mm^3", ...}}`.
 
-use super::{Table, TableReader, column::Column};
+use super::{TableReader, column::Column};
 use crate::error::{Error, Result};
 use parquet::basic::{Compression, Repetition, Type as Physical};
 use parquet::data_type::{BoolType, DoubleType, Int64Type};
@@ -78,14 +78,19 @@ impl Values {
     }
 }
 
-/// Writes the table in the CSV file `csv` to a new file, where `parts` is true of a set whose cells are parts of components;
-/// returns its bytes. Memory is that of some thousand rows, and of a
-/// few kilobytes for each such part of the table.
+/// Writes the table in the CSV file `csv`, of this name and with this first column, to a new file, where `parts` is true of
+/// a set whose cells are parts of components; returns its bytes. Memory is that of some thousand rows, and of a few
+/// kilobytes for each such part of the table.
 ///
 /// # Errors
 /// [`Error::Io`]; [`Error::Format`] if it is no table of this program.
-pub fn write_parquet(csv: &Path, path: &Path, table: Table, parts: bool) -> Result<u64> {
-    let mut reader = TableReader::open(csv)?;
+pub fn write_parquet(
+    csv: &Path,
+    path: &Path,
+    (table, key): (&str, &str),
+    parts: bool,
+) -> Result<u64> {
+    let mut reader = TableReader::open_keyed(csv, key)?;
     let columns = reader.columns().to_vec();
     let mut values: Vec<Values> = columns.iter().map(|c| Values::of(c, parts)).collect();
     let failed = |e: ParquetError| Error::io(path, "write", std::io::Error::other(e));
@@ -106,20 +111,20 @@ pub fn write_parquet(csv: &Path, path: &Path, table: Table, parts: bool) -> Resu
 
 fn begin(
     file: File,
-    table: Table,
+    table: &str,
     columns: &[Column],
     values: &[Values],
 ) -> parquet::errors::Result<SerializedFileWriter<File>> {
     let fields = columns.iter().zip(values);
     let fields = fields.map(|(column, values)| values.schema(&column.name).map(Arc::new));
-    let schema = Type::group_type_builder(table.name())
+    let schema = Type::group_type_builder(table)
         .with_fields(fields.collect::<parquet::errors::Result<_>>()?)
         .build()?;
     let with_unit = columns.iter().filter(|column| !column.unit.is_empty());
     let units: serde_json::Map<_, _> = with_unit
         .map(|column| (column.name.clone(), column.unit.clone().into()))
         .collect();
-    let about = serde_json::json!({ "table": table.name(), "units": units });
+    let about = serde_json::json!({ "table": table, "units": units });
     let properties = WriterProperties::builder()
         .set_writer_version(WriterVersion::PARQUET_1_0)
         .set_compression(Compression::SNAPPY)

@@ -99,6 +99,22 @@ impl Spread {
             sd: moments.sd(),
         })
     }
+
+    /// That of sorted values, each counting by its weight: a quantile is the smallest value up to which the weights reach
+    /// that share of their sum. `None` of no values.
+    pub(crate) fn weighted(sorted: &[(f64, f64)]) -> Option<Self> {
+        let [q1, median, q3] = [0.25, 0.5, 0.75].map(|q| weighted_quantile(sorted, q));
+        let moments = Moments::of(sorted.iter().copied());
+        Some(Spread {
+            min: sorted.first()?.0,
+            q1,
+            median,
+            q3,
+            max: sorted.last()?.0,
+            mean: moments.mean(),
+            sd: moments.sd(),
+        })
+    }
 }
 
 /// The distribution of values with their weights.
@@ -107,17 +123,7 @@ pub(super) fn distribution(mut sizes: Vec<(f64, f64)>, unit: String) -> Option<D
     let values: Vec<f64> = sizes.iter().map(|s| s.0).collect();
     let number = Spread::of(&values)?;
     let Spread { min, max, .. } = number;
-    let [q1, median, q3] = [0.25, 0.5, 0.75].map(|q| weighted_quantile(&sizes, q));
-    let by_volume = Moments::of(sizes.iter().copied());
-    let volume = Spread {
-        min,
-        q1,
-        median,
-        q3,
-        max,
-        mean: by_volume.mean(),
-        sd: by_volume.sd(),
-    };
+    let volume = Spread::weighted(&sizes)?;
     let histogram = Histogram::of(&sizes, [min, max]);
     Some(Distribution {
         unit,

@@ -2,7 +2,10 @@
 
 use crate::checkpoint::{LayersDone, STATE, kept};
 use crate::error::{Error, Result};
-use crate::manifest::{COMPONENTS, MANIFEST, NECKS, PARTIAL as WORK, TILESET, WALLS};
+use crate::manifest::{
+    COMPONENTS, COMPONENTS_PARQUET, MANIFEST, NECKS, NECKS_PARQUET, PARTIAL as WORK, TILESET,
+    WALLS, WALLS_PARQUET,
+};
 use crate::store::is_remote;
 use crate::sys::files::{make_directory, remove_if_there, write_file};
 use crate::tileset::Lock;
@@ -13,7 +16,7 @@ use std::path::{Path, PathBuf};
 
 /// What a tile set may have at its top level, the manifest first: it goes first and comes last. Only
 /// painted sets have legends, tables are Parquet, too, where that was asked for, and some have levels of detail.
-const ENTRIES: [&str; 16] = [
+const ENTRIES: [&str; 19] = [
     "index.json",
     "index",
     "tiles",
@@ -30,10 +33,13 @@ const ENTRIES: [&str; 16] = [
     OPTIONAL[7],
     OPTIONAL[8],
     OPTIONAL[9],
+    OPTIONAL[10],
+    OPTIONAL[11],
+    OPTIONAL[12],
 ];
 /// What some tile sets lack: pictures of colours, tables as Parquet, levels of detail, tables of cells that are parts of
 /// components.
-const OPTIONAL: [&str; 10] = [
+const OPTIONAL: [&str; 13] = [
     "legend.png",
     "legend.svg",
     "cells.parquet",
@@ -44,6 +50,9 @@ const OPTIONAL: [&str; 10] = [
     COMPONENTS,
     NECKS,
     WALLS,
+    COMPONENTS_PARQUET,
+    NECKS_PARQUET,
+    WALLS_PARQUET,
 ];
 /// The file in it that says who works there.
 const LOCK: &str = "lock";

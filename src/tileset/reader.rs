@@ -2,7 +2,7 @@
 
 use crate::error::{Error, Result};
 use crate::manifest::{Level, Levels, Manifest, NodeEntry, Shard, TileEntry};
-use crate::manifest::{checksum_text, file_inside};
+use crate::manifest::{MANIFEST, checksum_of, checksum_text, file_inside, own_checksum};
 use crate::store::File;
 use crate::tile::{NodeMesh, TileMesh};
 use std::path::{Path, PathBuf};
@@ -58,6 +58,39 @@ impl TileSet {
     /// Those of [`file_inside`].
     pub fn path(&self, relative: &str) -> Result<PathBuf> {
         file_inside(&self.dir, relative, "open the file")
+    }
+
+    /// Refuses an index and tables that have changed since they were made: what is read of them has to be what checksums
+    /// say. Where none are stated, none are compared.
+    ///
+    /// # Errors
+    /// [`Error::Format`] for another checksum; those of [`TileSet::path`].
+    pub fn check_tables(&self) -> Result<()> {
+        let failed = |path: &Path, e| Error::io(path, "read the table", e);
+        let same = |path: &Path, found: String, stated: &str| match found == stated {
+            true => Ok(()),
+            false => Err(Error::format(
+                path,
+                format!("the checksum {found}"),
+                format!("{stated} as in the index: it has changed since it was made"),
+            )),
+        };
+        if let Some(stated) = &self.manifest.checksum {
+            let path = self.dir.join(MANIFEST);
+            let file = File::open(&path).map_err(|e| failed(&path, e))?;
+            let found = own_checksum(&file, stated).map_err(|e| failed(&path, e))?;
+            same(&path, found, stated)?;
+        }
+        for (name, stated) in self.manifest.tables.sums() {
+            let path = self.path(name)?;
+            let file = File::open(&path).map_err(|e| failed(&path, e))?;
+            same(
+                &path,
+                checksum_of(file).map_err(|e| failed(&path, e))?,
+                stated,
+            )?;
+        }
+        Ok(())
     }
 
     /// The shards by rising z, each read when it is asked for, all of it: [`TileSet::tiles`] takes less memory.

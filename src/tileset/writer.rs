@@ -2,7 +2,10 @@
 //! of them, and the manifest at the end. Whoever makes a tile set, of a volume or of another set, writes it by this.
 
 use crate::error::{Error, Result};
-use crate::manifest::{LayerRecord, Manifest, ShardWriter, TileEntry, Totals};
+use crate::manifest::{
+    COMPONENTS_PARQUET, LayerRecord, Manifest, NECKS_PARQUET, ShardWriter, Tables, TileEntry,
+    Totals, WALLS_PARQUET,
+};
 use crate::sys::files::{remove_if_there, write_file};
 use crate::sys::spill_file::SpillFile;
 use crate::table::{Table, write_parquet};
@@ -162,7 +165,7 @@ impl TilesetWriter {
     /// [`Error::Io`].
     pub fn finish(mut self, manifest: Manifest) -> Result<u64> {
         let parquet = match &manifest.tables.parquet {
-            Some(_) => write_parquet_tables(&self.dir, manifest.cells.is_some())?,
+            Some(_) => write_parquet_tables(&self.dir, &manifest.tables)?,
             None => 0,
         };
         let all = self.layers.everything().expect("it holds nothing else");
@@ -174,17 +177,24 @@ impl TilesetWriter {
     }
 }
 
-/// Writes all tables as Parquet beside their CSV files, `parts` being true where cells are parts of components; returns
-/// their bytes.
-fn write_parquet_tables(dir: &Path, parts: bool) -> Result<u64> {
+/// Writes all tables as Parquet beside their CSV files; returns their bytes.
+fn write_parquet_tables(dir: &Path, tables: &Tables) -> Result<u64> {
+    let parts = tables.components.is_some();
     let mut bytes = 0;
     for table in Table::ALL {
-        bytes += write_parquet(
-            &dir.join(table.file()),
-            &dir.join(table.parquet_file()),
-            table,
-            parts && table != Table::Objects,
-        )?;
+        let [csv, parquet] = [table.file(), table.parquet_file()].map(|name| dir.join(name));
+        let may_lack = parts && table != Table::Objects;
+        bytes += write_parquet(&csv, &parquet, (table.name(), "id"), may_lack)?;
+    }
+    let more = [
+        (&tables.components, COMPONENTS_PARQUET, ("components", "id")),
+        (&tables.necks, NECKS_PARQUET, ("necks", "cell_a")),
+        (&tables.walls, WALLS_PARQUET, ("walls", "cell_a")),
+    ];
+    for (csv, parquet, names) in more {
+        if let Some(csv) = csv {
+            bytes += write_parquet(&dir.join(csv), &dir.join(parquet), names, false)?;
+        }
     }
     Ok(bytes)
 }

@@ -19,16 +19,17 @@ pub(super) fn foreign_files(root: &Path, manifest: &Manifest, issues: &mut Issue
     let selection = manifest.selection.as_ref();
     let painted = selection.is_some_and(|s| s.colour_by.is_some());
     let tables = ["cells.csv", "objects.csv", "surfaces.csv"];
-    let parquet = ["cells.parquet", "objects.parquet", "surfaces.parquet"];
     let of_parts = ["components.csv", "necks.csv"];
     let has_parquet = manifest.tables.parquet.is_some();
     let top = |name: &str| {
+        let as_csv = name.strip_suffix(".parquet").filter(|_| has_parquet);
+        let csv = as_csv.map_or(name.to_owned(), |stem| format!("{stem}.csv"));
+        let csv = csv.as_str();
         [MANIFEST, "index", "tiles", PARTIAL].contains(&name)
             || (manifest.lod.is_some() && ["lod", "tileset.json"].contains(&name))
-            || tables.contains(&name)
-            || (manifest.cells.is_some() && of_parts.contains(&name))
-            || (manifest.tables.walls.is_some() && name == "walls.csv")
-            || (has_parquet && parquet.contains(&name))
+            || tables.contains(&csv)
+            || (manifest.cells.is_some() && of_parts.contains(&csv))
+            || (manifest.tables.walls.is_some() && csv == "walls.csv")
             || (painted && [LEGEND, LEGEND_SVG].contains(&name))
     };
     foreign(root, "", top, issues)?;

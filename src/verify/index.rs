@@ -224,6 +224,7 @@ fn check_counts(m: &Manifest, wrong: &mut impl FnMut(&str, String)) {
     check_name(&m.source.name, "source/name", wrong);
     check_parts(m, wrong);
     check_walls(m, wrong);
+    check_parquet(m, wrong);
     if m.source.offset != 0 && m.source.format != "raw" {
         let message = format!("found {} for {}", m.source.offset, m.source.format);
         wrong("source/offset", message);
@@ -303,6 +304,49 @@ fn check_walls(m: &Manifest, wrong: &mut impl FnMut(&str, String)) {
             m.totals.walls
         );
         wrong("totals/walls", message);
+    }
+}
+
+/// Checks that of the tables that not all sets have those are there as Parquet that are there at all, if any is.
+fn check_parquet(m: &Manifest, wrong: &mut impl FnMut(&str, String)) {
+    let tables = &m.tables;
+    let Some(parquet) = &tables.parquet else {
+        return;
+    };
+    let sums = parquet.checksums.as_ref();
+    for (name, csv, path, sum) in [
+        (
+            "components",
+            &tables.components,
+            &parquet.components,
+            sums.map(|sums| &sums.components),
+        ),
+        (
+            "necks",
+            &tables.necks,
+            &parquet.necks,
+            sums.map(|sums| &sums.necks),
+        ),
+        (
+            "walls",
+            &tables.walls,
+            &parquet.walls,
+            sums.map(|sums| &sums.walls),
+        ),
+    ] {
+        let message = match csv {
+            Some(_) => "found none, expected one: there is this table as CSV",
+            None => "found one, expected none: there is no such table as CSV",
+        };
+        if path.is_some() != csv.is_some() {
+            wrong(&format!("tables/parquet/{name}"), message.to_owned());
+        }
+        if sum.is_some_and(|sum| sum.is_some() != csv.is_some()) {
+            wrong(
+                &format!("tables/parquet/checksums/{name}"),
+                message.to_owned(),
+            );
+        }
     }
 }
 

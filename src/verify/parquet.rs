@@ -28,7 +28,8 @@ pub(super) fn check(cx: &Context, issues: &mut Issues) {
     let Some(files) = Files::parquet(cx.manifest) else {
         return;
     };
-    for kind in Kind::ALL {
+    let more = [Kind::Component, Kind::Neck, Kind::Wall];
+    for kind in Kind::ALL.into_iter().chain(more) {
         let Some((path, file, true)) = files.open(cx.root, kind, issues) else {
             continue;
         };
@@ -130,7 +131,9 @@ fn wrong_columns(columns: &[Column], may_lack: &[&str], file: &ParquetMetaData) 
         .iter()
         .map(|(name, _)| {
             let (physical, repetition) = match *name {
-                "touches_border" => (Physical::BOOLEAN, Repetition::REQUIRED),
+                "touches_border" | "thin" | "neighbour" => {
+                    (Physical::BOOLEAN, Repetition::REQUIRED)
+                }
                 name if may_lack.contains(&name) => (Physical::INT64, Repetition::OPTIONAL),
                 name if is_whole(name) => (Physical::INT64, Repetition::REQUIRED),
                 _ => (Physical::DOUBLE, Repetition::OPTIONAL),

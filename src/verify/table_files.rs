@@ -44,13 +44,14 @@ const NECK: [(&str, u32); 8] = [
 ];
 
 /// The columns of the table of walls.
-const WALL: [(&str, u32); 6] = [
+const WALL: [(&str, u32); 7] = [
     ("cell_a", 0),
     ("cell_b", 0),
     ("wall_area", 2),
     ("wall_thickness", 1),
     ("chords", 0),
     ("thin", 0),
+    ("neighbour", 0),
 ];
 
 /// The columns of the table of cells that walls give, which stand behind the first one of parts, and at the end.
@@ -132,9 +133,9 @@ impl<'m> Files<'m> {
                 Some(&tables.surfaces),
                 Some(&tables.cells),
                 Some(&tables.objects),
-                None,
-                None,
-                None,
+                tables.components.as_deref(),
+                tables.necks.as_deref(),
+                tables.walls.as_deref(),
             ],
             checksums: tables.checksums.as_ref().map(in_order),
             at: "index.json#/tables/parquet",
@@ -363,13 +364,14 @@ fn is_plain(field: &str, is_whole: bool) -> bool {
 }
 
 /// The columns of whole numbers.
-const WHOLE: [&str; 17] = [
+const WHOLE: [&str; 18] = [
     "id",
     "component",
     "neighbours",
     "necks",
     "chords",
     "thin",
+    "neighbour",
     "cell_a",
     "cell_b",
     "cell",

@@ -69,7 +69,7 @@ fn every_scan_gets_a_tile_set_and_a_row() {
     let dir = temp();
     let dir = dir.path();
     scans(dir);
-    let line = "convert ct/a.mhd b.nrrd c.raw.mhd --out-dir out --threshold otsu --macrocube 16 --crop :,:,2:30";
+    let line = "convert ct/a.mhd b.nrrd c.raw.mhd --out-dir out --threshold otsu --macrocube 16 --crop :,:,2:30 --walls";
     let output = alvis(dir, &words(line));
     assert_eq!(output.status.code(), Some(0), "{}", stderr(&output));
     assert_eq!(stdout(&output), "3 of 3 scans done: out/scans.csv\n");
@@ -103,6 +103,7 @@ fn every_scan_gets_a_tile_set_and_a_row() {
             ("triangles", "/totals/triangles"),
             ("spacing_y", "/spacing/1"),
             ("dims_z", "/grid/dims/2"),
+            ("walls", "/totals/walls"),
         ] {
             let value = index.pointer(at).unwrap().as_f64().unwrap();
             assert_eq!(row[name].parse::<f64>().unwrap(), value, "{name}");
@@ -114,12 +115,14 @@ fn every_scan_gets_a_tile_set_and_a_row() {
             ("cells_whole", "/cells_whole"),
             ("equivalent_diameter_mean", "/equivalent_diameter/mean"),
             ("equivalent_diameter_median", "/equivalent_diameter/median"),
+            ("neighbours_mean", "/neighbours/mean"),
+            ("wall_thickness_median", "/wall_thickness/median"),
         ] {
             let value = sums.pointer(at).unwrap().as_f64().unwrap();
             assert_eq!(row[name].parse::<f64>().unwrap(), value, "{name}");
         }
         let alone = format!(
-            "convert {scan} alone --force --quiet --threshold otsu --macrocube 16 --crop :,:,2:30"
+            "convert {scan} alone --force --quiet --threshold otsu --macrocube 16 --crop :,:,2:30 --walls"
         );
         ok(dir, &words(&alone));
         assert_eq!(files(&dir.join("alone")), files(&dir.join(&out)));

@@ -324,6 +324,59 @@ fn bad_regions_get_one_message() {
     );
 }
 
+#[test]
+fn masks_and_labels_lie_where_scans_of_patients_do_in_either_world() {
+    let dir = temp();
+    let dir = dir.path();
+    scan(dir);
+    let header = "NRRD0004\ntype: uint8\ndimension: 3\nspace: right-anterior-superior\nsizes: 40 40 12\n\
+        space directions: (-0.2,0,0) (0,-0.2,0) (0,0,0.2)\nspace units: \"mm\" \"mm\" \"mm\"\n\
+        space origin: (5,6,7)\nencoding: raw\ndata file: a.raw\n\n";
+    std::fs::write(dir.join("scan.nhdr"), header).unwrap();
+    let mask = |more: &str| {
+        let header = format!(
+            "NDims = 3\nDimSize = 40 40 12\nElementSpacing = 0.2 0.2 0.2\nOffset = -5 -6 7\n{more}\
+             ElementType = MET_UCHAR\nElementDataFile = m.raw\n"
+        );
+        std::fs::write(dir.join("m.mhd"), header).unwrap();
+    };
+    let lines = ["--roi mask:m.mhd", "--labels m.mhd"]
+        .map(|option| format!("convert scan.nhdr out --threshold 110 --quiet --force {option}"));
+    for line in &lines {
+        mask("AnatomicalOrientation = RAI\n");
+        run(dir, line);
+        // of a world that is not stated, numbers are compared as they are
+        mask("");
+        let message = fails(dir, &words(line));
+        assert!(message.contains("m.mhd with axes along"), "{message}");
+    }
+}
+
+#[test]
+fn labels_and_masks_in_chunks_too_large_for_the_limit_are_refused_before_they_are_read() {
+    let dir = temp();
+    let dir = dir.path();
+    let scan = std::fs::File::create(dir.join("s.raw")).unwrap();
+    scan.set_len(256 << 16).unwrap();
+    std::fs::create_dir(dir.join("one.zarr")).unwrap();
+    let array = value!({
+        "zarr_format": 2, "shape": [256, 256, 256], "chunks": [256, 256, 256], "dtype": "<u4",
+        "compressor": null, "fill_value": 1, "order": "C", "filters": null
+    });
+    std::fs::write(dir.join("one.zarr/.zarray"), array.to_string()).unwrap();
+    let scan = "convert s.raw out --dims 256,256,256 --dtype u8 --threshold 1 --memory 64MiB";
+    for option in ["--labels one.zarr", "--roi mask:one.zarr"] {
+        let message = fails(dir, &words(&format!("{scan} {option}")));
+        let name = &option[..option.find(' ').unwrap()];
+        assert!(
+            message.contains("64MiB is too little")
+                && message.contains(&format!("the file of {name} is read in parts so large")),
+            "{message}"
+        );
+        assert!(!dir.join("out").exists());
+    }
+}
+
 /// Writes bytes of a scan of 60 x 60 voxels and some slices.
 fn write(dir: &Path, name: &str, slices: u32, of: impl Fn([f64; 3]) -> u8) {
     let at = |i: u32| [i % 60, i / 60 % 60, i / 3600].map(f64::from);

@@ -4,6 +4,9 @@ use super::{alvis, fails, json, ok, stderr, temp};
 use serde_json::Value;
 use std::path::Path;
 
+#[path = "../common/seal.rs"]
+mod seal;
+
 /// A foam in `tiles`, and its volume.
 fn foam(dir: &Path) {
     let phantom = "phantom foam foam.mhd --dims 44,40,36 --pitch 11 --spacing 0.05 --unit mm -q";
@@ -178,6 +181,18 @@ fn what_comes_from_files_is_escaped() {
     needs_nothing(&text.replace("onerror='alert(1)'", ""));
 }
 
+/// Gives the set `tiles` a table more, with its checksum in the index.
+fn put_table(dir: &Path, name: &str, text: &str) {
+    let tiles = dir.join("tiles");
+    std::fs::write(tiles.join(format!("{name}.csv")), text).unwrap();
+    let path = tiles.join("index.json");
+    let mut index = json(&std::fs::read_to_string(&path).unwrap());
+    index["tables"][name] = format!("{name}.csv").into();
+    index["tables"]["checksums"][name] = "".into();
+    std::fs::write(&path, index.to_string()).unwrap();
+    seal::seal(&tiles);
+}
+
 #[test]
 fn tables_of_necks_and_walls_are_told_where_they_are() {
     let dir = temp();
@@ -185,21 +200,31 @@ fn tables_of_necks_and_walls_are_told_where_they_are() {
     foam(dir);
     let necks = "cell_a,cell_b,neck_radius [mm],ratio,x [mm],y [mm],z [mm],neck_area [mm^2]\n\
                  1,2,0.05,0.5,0.1,0.2,0.3,0.01\n2,3,0.15,0.75,0.4,0.5,0.6,0.07\n";
-    let walls = "cell_a,cell_b,wall_area [mm^2],wall_thickness [mm],chords\n\
-                 1,2,1.5,0.1,40\n2,3,0.5,0.3,20\n4,5,0.25,,1\n";
-    std::fs::write(dir.join("tiles/necks.csv"), necks).unwrap();
-    std::fs::write(dir.join("tiles/walls.csv"), walls).unwrap();
+    let walls = "cell_a,cell_b,wall_area [mm^2],wall_thickness [mm],chords,thin,neighbour\n\
+                 1,2,1.5,0.1,40,0,1\n2,3,0.5,0.3,20,1,1\n4,5,0.25,0.7,1,0,0\n";
+    put_table(dir, "necks", necks);
+    put_table(dir, "walls", walls);
     let found = json(&ok(dir, &["report", "tiles", "a.html", "--json"]));
     assert_eq!(found["necks"]["count"], 2);
     assert_eq!(found["necks"]["unit"], "mm");
     assert_eq!(found["necks"]["widest"][0]["cell_b"], 3);
     assert_eq!(found["necks"]["neck_radius"]["max"], 0.15);
-    assert_eq!(found["walls"]["count"], 3);
-    assert_eq!(found["walls"]["wall_area"], 2.25);
-    let mean = found["walls"]["mean_by_area"].as_f64().unwrap();
+    // what makes no neighbours is left out, the rest counts by its area
+    let own = &found["walls"];
+    assert_eq!([&own["count"], &own["left_out"], &own["thin"]], [2, 1, 1]);
+    assert_eq!(own["wall_area"], 2.0);
+    assert_eq!(own["wall_thickness"]["median"], 0.1);
+    assert_eq!(own["wall_thickness"]["max"], 0.3);
+    let mean = own["wall_thickness"]["mean"].as_f64().unwrap();
     assert!((mean - 0.15).abs() < 1e-12);
     let text = page(dir, "a.html");
-    for part in ["<h2>Necks", "<h2>Walls", "2 and 3", "3 walls of 2.250 mm²"] {
+    for part in [
+        "<h2>Necks",
+        "<h2>Walls",
+        "2 and 3",
+        "2 walls of 2 mm²",
+        "1 pair of cells",
+    ] {
         assert!(text.contains(part), "{part}");
     }
     for (bad, part) in [
@@ -207,18 +232,81 @@ fn tables_of_necks_and_walls_are_told_where_they_are() {
         ("", "empty"),
         ("id\n1\n", "cell_a"),
     ] {
-        std::fs::write(dir.join("tiles/necks.csv"), bad).unwrap();
+        put_table(dir, "necks", bad);
         let message = fails(dir, &["report", "tiles", "--json"]);
         assert!(message.contains(part), "{bad:?}: {message}");
     }
     // openings between cells of labels have no radius, and touch at edges of voxels alone without a place
     let of_labels = "cell_a,cell_b,neck_radius [mm],ratio,x [mm],y [mm],z [mm],neck_area [mm^2]\n\
                      1,2,,,0.1,0.2,0.3,0.01\n2,3,,,,,,0\n";
-    std::fs::write(dir.join("tiles/necks.csv"), of_labels).unwrap();
+    put_table(dir, "necks", of_labels);
     let found = json(&ok(dir, &["report", "tiles", "--json"]));
     assert_eq!(found["necks"]["count"], 2);
     assert!(found["necks"]["neck_radius"].is_null());
     assert_eq!(found["necks"]["widest"].as_array().unwrap().len(), 0);
+}
+
+#[test]
+fn walls_of_cells_come_first() {
+    let dir = temp();
+    let dir = dir.path();
+    foam(dir);
+    let convert = "convert foam.mhd walls --threshold otsu --macrocube 16 --walls -q";
+    ok(dir, &convert.split(' ').collect::<Vec<_>>());
+    let found = json(&ok(dir, &["report", "walls", "a.html", "--json"]));
+    let median = found["summary"]["wall_thickness"]["median"]
+        .as_f64()
+        .unwrap();
+    let (walls, all) = (&found["walls"], &found["totals"]["walls"]);
+    let [count, left_out] = ["count", "left_out"].map(|key| walls[key].as_u64().unwrap());
+    assert!(count > 10 && count + left_out == all.as_u64().unwrap());
+    let text = page(dir, "a.html");
+    let results = &text[..text.find("<h2>Input and settings").unwrap()];
+    let expected = format!("{median:.4} mm (median of whole cells)");
+    assert!(results.contains(&expected), "{expected}");
+    assert!(text.contains("whole cells, each by its median"));
+}
+
+#[test]
+fn what_was_changed_is_refused() {
+    let dir = temp();
+    let dir = dir.path();
+    let phantom = "phantom foam leaky.mhd --dims 44,40,36 --pitch 11 --wall 2 -q";
+    ok(dir, &phantom.split(' ').collect::<Vec<_>>());
+    let convert = "convert leaky.mhd tiles --threshold otsu --split --walls -q";
+    ok(dir, &convert.split(' ').collect::<Vec<_>>());
+    ok(dir, &["report", "tiles", "sound.html", "-q"]);
+    for name in [
+        "cells.csv",
+        "objects.csv",
+        "surfaces.csv",
+        "components.csv",
+        "necks.csv",
+        "walls.csv",
+        "index.json",
+    ] {
+        let path = dir.join("tiles").join(name);
+        let before = std::fs::read(&path).unwrap();
+        // one digit, after the head
+        let mut after = before.clone();
+        let digit = after
+            .iter()
+            .rposition(|b| (b'1'..b'9').contains(b) && name != "index.json");
+        let digit = digit.unwrap_or_else(|| {
+            let text = String::from_utf8(before.clone()).unwrap();
+            text.find("\"threshold\": ").unwrap() + 13
+        });
+        after[digit] = if after[digit] == b'1' { b'2' } else { b'1' };
+        std::fs::write(&path, &after).unwrap();
+        let message = fails(dir, &["report", "tiles", "a.html"]);
+        assert!(
+            message.contains(name) && message.contains("checksum"),
+            "{name}: {message}"
+        );
+        assert!(!dir.join("a.html").exists());
+        std::fs::write(&path, &before).unwrap();
+    }
+    ok(dir, &["report", "tiles", "a.html", "-q"]);
 }
 
 #[test]

@@ -129,11 +129,21 @@ fn wrong_rows_of_walls_are_found() {
     table(|rows| scale(&mut rows[0][2], 0.1), value);
     table(|rows| rows[0][5] = "2".into(), value);
     table(|rows| rows[0][5].clear(), value);
+    table(|rows| rows[0][6] = "2".into(), value);
+    table(|rows| rows[0][6].clear(), value);
     table(|rows| rows[0][0] = "x".into(), &[Code::TableSyntax]);
     table(|rows| _ = rows[0].pop(), &[Code::TableSyntax]);
     table(|rows| rows.swap(1, 2), &[Code::TableRows]);
     table(|rows| rows[1].swap(0, 1), &[Code::TableRows]);
     table(|rows| rows.insert(1, rows[1].clone()), &[Code::TableRows]);
+    // what follows from it and its cells
+    for from in ["0", "1"] {
+        let turn = |rows: &mut Vec<Vec<String>>| {
+            let row = rows.iter_mut().find(|row| row[6] == from).unwrap();
+            row[6] = if from == "0" { "1" } else { "0" }.into();
+        };
+        sound.table("walls.csv", turn, value);
+    }
     // what the tiles say
     let lacks = &[Code::TableRows, Code::TotalsMismatch];
     let lost = |rows: &mut Vec<Vec<String>>| {
@@ -254,6 +264,41 @@ fn wrong_indexes_of_walls_are_found() {
     fs::remove_file(own.join("walls.csv")).unwrap();
     Set(&own).manifest(|m| m["totals"]["walls"] = 2.into());
     assert!(codes(&check(&own)).iter().eq([&Code::ManifestValue]));
+}
+
+/// Tables of openings and walls are Parquet, too, where others are.
+#[test]
+fn wrong_parquet_of_walls_is_found() {
+    let dir = tempfile::tempdir().unwrap();
+    let scan = Scan::new(3, [17, 14, 15], 3, true);
+    let more = ["--macrocube", "9", "--walls", "--tables", "csv,parquet"];
+    scan.convert(dir.path(), "own", true, &more);
+    pass(&scan, dir.path(), "parquet");
+    let sound = Sound { dir };
+    for name in ["components", "necks", "walls"] {
+        let file = format!("{name}.parquet");
+        let gone = sound.broken(|set| fs::remove_file(set.0.join(&file)).is_ok());
+        assert!(gone.unwrap().iter().eq([&Code::MissingFile]), "{name}");
+        let other = sound.broken(|set| {
+            fs::copy(set.0.join("objects.parquet"), set.0.join(&file)).unwrap();
+            let bytes = fs::read(set.0.join(&file)).unwrap();
+            let sum = format!("crc32:{:08x}", crc32fast::hash(&bytes));
+            set.manifest(|m| m["tables"]["parquet"]["checksums"][name] = sum.clone().into());
+            true
+        });
+        let expected = [Code::TableSyntax, Code::TableRows, Code::TableValue];
+        let other = other.unwrap();
+        let found = other.iter().all(|code| expected.contains(code));
+        assert!(!other.is_empty() && found, "{name}: {other:?}");
+        let unnamed = sound.broken(|set| {
+            set.manifest(|m| {
+                let parquet = m["tables"]["parquet"].as_object_mut().unwrap();
+                parquet.remove(name).unwrap();
+            });
+            true
+        });
+        assert!(unnamed.unwrap().iter().eq([&Code::ManifestValue]), "{name}");
+    }
 }
 
 /// A part has the walls between its own cells, which say less of these.

@@ -15,6 +15,10 @@ use crate::sys::spill_file::SpillFile;
 
 /// Bytes that splitting keeps beside its blocks: pages of numbers of basins, and the graph of the last slices of a foam.
 const BESIDE_BLOCKS: u64 = 16 << 20;
+/// Bytes for each column of voxels: its states below and above, that of a part which passes it on, and its bits.
+const BYTES_PER_COLUMN: f64 = 3.125;
+/// Bytes that each thread takes besides: what lies around its block, and what comes of blocks.
+const FOR_A_THREAD: u64 = 4 << 20;
 /// Bytes of blocks that make it no faster to have more.
 const ENOUGH: u64 = 256 << 20;
 
@@ -30,8 +34,8 @@ pub struct SplitCells {
 
 /// Bytes that splitting a volume of this size is expected to take, if it may have as many.
 pub fn splitting_bytes(dims: Dims, threads: usize) -> u64 {
-    let blocks = SlabGrid::most_bytes(dims, threads);
-    BESIDE_BLOCKS.min(2 * dims.voxels()) + ENOUGH.min(blocks)
+    let blocks = SlabGrid::most_bytes(dims, threads) + threads as u64 * FOR_A_THREAD;
+    beside_blocks(dims).min(2 * dims.voxels()) + ENOUGH.min(blocks)
 }
 
 /// The metric of a conversion.
@@ -86,21 +90,32 @@ fn reopen(files: &Scratch, marks: &Marks, dims: Dims) -> Result<Option<SplitCell
     }))
 }
 
-/// Takes what splitting may have, and tells how much of it is for blocks.
-pub fn for_blocks(held: &mut MemoryReservation) -> u64 {
-    held.grow_as_far_as(BESIDE_BLOCKS + ENOUGH);
-    held.bytes().saturating_sub(BESIDE_BLOCKS)
+/// Bytes that no block is made of.
+fn beside_blocks(dims: Dims) -> u64 {
+    BESIDE_BLOCKS + (dims.slice_voxels() as f64 * BYTES_PER_COLUMN) as u64
 }
 
-/// How the cells of a conversion are split, in blocks of so many bytes.
+/// Takes what splitting a volume of this size may have, and tells how much of it is for threads and their blocks.
+pub fn for_blocks(held: &mut MemoryReservation, dims: Dims) -> u64 {
+    let beside = beside_blocks(dims);
+    held.grow_as_far_as(beside + ENOUGH);
+    held.bytes().saturating_sub(beside)
+}
+
+/// How the cells of a conversion are split, where threads and their blocks have so many bytes: by as many threads as
+/// these suffice for.
 pub fn split_options(job: &Conversion, rule: NeckRule, for_blocks: u64) -> SplitOptions {
     let dims = job.plan.tiling.dims;
+    let of_a_thread = FOR_A_THREAD + SlabGrid::least_bytes(dims);
+    let most = usize::try_from(for_blocks / of_a_thread).unwrap_or(usize::MAX);
+    let threads = job.plan.threads.min(most).max(1);
+    let for_blocks = for_blocks.saturating_sub(threads as u64 * FOR_A_THREAD);
     SplitOptions {
         rule,
         ambiguous: job.options.ambiguous,
         metric: metric(job.grid.header().placement.spacing),
-        grid: SlabGrid::fitting(dims, for_blocks, job.plan.threads),
-        threads: job.plan.threads,
+        grid: SlabGrid::fitting(dims, for_blocks, threads),
+        threads,
     }
 }
 
@@ -109,7 +124,7 @@ fn split_anew(input: &CellsInput, rule: NeckRule, files: &Scratch) -> Result<(Sp
     let job = input.job;
     let dims = job.plan.tiling.dims;
     let mut held = MemoryReservation::new(input.memory, SPLITTING);
-    let for_blocks = for_blocks(&mut held);
+    let for_blocks = for_blocks(&mut held, dims);
     let options = split_options(job, rule, for_blocks);
     let mut bits = KeptBits::new(job.plan.tiling, job.made, input.known.kept);
     let mut made = split(&mut bits, &options, input.work, job.progress)?;

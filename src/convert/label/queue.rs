@@ -40,6 +40,8 @@ pub struct LabelQueue<B, S> {
     spare: Vec<B>,
     /// There was no memory for several bands at once.
     one_by_one: bool,
+    /// What others have had in hand since before that.
+    company: u32,
 }
 
 impl<B, S> LabelQueue<B, S> {
@@ -56,6 +58,7 @@ impl<B, S> LabelQueue<B, S> {
             labelling: 0,
             spare: Vec::new(),
             one_by_one: false,
+            company: 0,
         }
     }
 
@@ -86,6 +89,7 @@ impl<B, S> LabelQueue<B, S> {
     /// A band is labelled, or there was no memory for it or another failure.
     pub fn labelled(&mut self, place: [u32; 2], sealed: Result<S>, memory: B) {
         self.labelling -= 1;
+        let alone = self.was_alone();
         match sealed {
             Ok(sealed) => {
                 self.sealed.insert(self.order.number(place), sealed);
@@ -95,7 +99,7 @@ impl<B, S> LabelQueue<B, S> {
             }
             Err(error) => {
                 drop(memory);
-                if self.takes_less(error) {
+                if self.takes_less(error, alone) {
                     self.again.push(self.order.number(place));
                 }
             }
@@ -105,11 +109,12 @@ impl<B, S> LabelQueue<B, S> {
     /// The bands of the next layer are joined, or that has failed; for want of memory if they come back.
     pub fn joined(&mut self, joined: std::result::Result<(), Box<(Error, Vec<S>)>>) {
         self.joining = false;
+        let alone = self.was_alone();
         match joined {
             Ok(()) => self.order.layer += 1,
             Err(failed) => {
                 let (error, bands) = *failed;
-                if self.takes_less(error) {
+                if self.takes_less(error, alone) {
                     let first = self.order.first_of(self.order.layer);
                     self.sealed.extend((first..).zip(bands));
                 }
@@ -117,12 +122,21 @@ impl<B, S> LabelQueue<B, S> {
         }
     }
 
+    /// True if what has ended began when all else had.
+    fn was_alone(&mut self) -> bool {
+        let alone = self.one_by_one && self.company == 0;
+        self.company = self.company.saturating_sub(1);
+        alone
+    }
+
     /// Goes on with less memory, if `error` says that there is not enough, and less is possible.
-    fn takes_less(&mut self, error: Error) -> bool {
-        let can =
-            matches!(error, Error::TooDense { .. }) && (!self.one_by_one || !self.spare.is_empty());
+    fn takes_less(&mut self, error: Error, alone: bool) -> bool {
+        let can = matches!(error, Error::TooDense { .. }) && (!alone || !self.spare.is_empty());
         self.spare.clear();
-        self.one_by_one = true;
+        if !self.one_by_one {
+            self.company = self.labelling + u32::from(self.joining);
+            self.one_by_one = true;
+        }
         if !can {
             self.fail(error);
         }
@@ -168,5 +182,67 @@ impl<B, S> Queue for LabelQueue<B, S> {
 
     fn fail(&mut self, error: Error) {
         self.order.fail(error);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn too_dense() -> Error {
+        Error::TooDense {
+            limit: 1,
+            needed: 2,
+            uses: Vec::new(),
+        }
+    }
+
+    fn label(queue: &mut LabelQueue<(), u32>) -> [u32; 2] {
+        match queue.next(false) {
+            Next::Do(LabelTask::Label(place, _)) => place,
+            _ => panic!("there is a band to be labelled"),
+        }
+    }
+
+    #[test]
+    fn bands_that_had_no_room_beside_others_are_labelled_once_more() {
+        let limits = Limits {
+            bands: 4,
+            layers: 1,
+            ahead: 0,
+        };
+        let mut queue = LabelQueue::<(), u32>::new(limits, 0);
+        let all: Vec<_> = (0..4).map(|_| label(&mut queue)).collect();
+        for &place in &all {
+            assert!(!queue.order.is_over(false));
+            queue.labelled(place, Err(too_dense()), ());
+        }
+        // one after the other now
+        for _ in 0..4 {
+            let place = label(&mut queue);
+            assert!(matches!(queue.next(false), Next::Wait));
+            queue.labelled(place, Ok(0), ());
+        }
+        let Next::Do(LabelTask::Join(0, bands)) = queue.next(false) else {
+            panic!("all bands are labelled");
+        };
+        assert_eq!(bands.len(), 4);
+        queue.joined(Ok(()));
+        queue.outcome().unwrap();
+    }
+
+    #[test]
+    fn a_band_that_has_no_room_alone_is_refused() {
+        let limits = Limits {
+            bands: 2,
+            layers: 1,
+            ahead: 0,
+        };
+        let mut queue = LabelQueue::<(), u32>::new(limits, 0);
+        for _ in 0..2 {
+            let place = label(&mut queue);
+            queue.labelled(place, Err(too_dense()), ());
+        }
+        assert!(queue.outcome().is_err());
     }
 }

@@ -173,14 +173,22 @@ impl TileCollector {
         Ok(output.map(|output| Self::on(output, memory)))
     }
 
+    /// Takes memory for one tile more.
+    ///
+    /// # Errors
+    /// [`crate::Error::TooDense`].
+    pub fn reserve(&mut self) -> Result<()> {
+        let count: usize = self.open.values().map(|(tiles, _)| tiles.capacity()).sum();
+        self.held
+            .grow_to(((count + 1) * size_of::<TileRecord>()) as u64)
+    }
+
     /// Adds a tile; its pieces leave memory.
     ///
     /// # Errors
     /// [`crate::Error::Io`]; [`crate::Error::TooDense`].
     pub fn add(&mut self, tile: WrittenTile) -> Result<()> {
-        let count: usize = self.open.values().map(|(tiles, _)| tiles.capacity()).sum();
-        self.held
-            .grow_to(((count + 1) * size_of::<TileRecord>()) as u64)?;
+        self.reserve()?;
         let mut record = tile.record;
         record.pieces_at = self.output.spool.push(&tile.pieces)?.offset();
         let (tiles, caps) = self.open.entry(record.grid[2]).or_default();

@@ -65,6 +65,8 @@ pub struct MeshQueue<B> {
     spare: Vec<B>,
     /// There was no memory for several tiles of a band at once.
     one_by_one: bool,
+    /// What others have had in hand since before that.
+    company: u32,
 }
 
 impl<B> MeshQueue<B> {
@@ -86,6 +88,7 @@ impl<B> MeshQueue<B> {
             exist: 0,
             spare: Vec::new(),
             one_by_one: false,
+            company: 0,
         }
     }
 
@@ -110,13 +113,14 @@ impl<B> MeshQueue<B> {
     /// A band is loaded and has these tiles to be made, or there was no memory for it or another failure.
     pub fn loaded(&mut self, place: [u32; 2], band: Result<(B, Vec<u32>)>) {
         self.in_hand -= 1;
+        let alone = self.was_alone();
         let number = self.order.number(place);
         let left = self.reloading.remove(&number).flatten();
         let (band, tiles) = match band {
             Ok(loaded) => loaded,
             Err(error) => {
                 self.exist -= 1;
-                if self.takes_less(error) {
+                if self.takes_less(error, alone) {
                     self.again.push((number, left));
                 }
                 return;
@@ -145,6 +149,7 @@ impl<B> MeshQueue<B> {
     /// A tile is made, or there was no memory for it or another failure.
     pub fn made(&mut self, task: TileTask<B>, made: Result<()>) {
         self.in_hand -= 1;
+        let alone = self.was_alone();
         let TileTask {
             band,
             grid: [tx, ty, layer],
@@ -165,7 +170,7 @@ impl<B> MeshQueue<B> {
             }
             Err(error) => {
                 self.close([ty, layer], tx, band);
-                if self.takes_less(error) {
+                if self.takes_less(error, alone) {
                     self.close_all();
                 }
             }
@@ -218,13 +223,23 @@ impl<B> MeshQueue<B> {
         self.kept = self.kept.max(layers);
     }
 
+    /// True if what has ended began when all else had.
+    fn was_alone(&mut self) -> bool {
+        let alone = self.one_by_one && self.company == 0;
+        self.company = self.company.saturating_sub(1);
+        alone
+    }
+
     /// Goes on with less memory, if `error` says that there is not enough, and less is possible.
-    fn takes_less(&mut self, error: Error) -> bool {
-        let others = !self.spare.is_empty() || self.exist > 1 || self.in_hand > 0;
-        let can = matches!(error, Error::TooDense { .. }) && (!self.one_by_one || others);
+    fn takes_less(&mut self, error: Error, alone: bool) -> bool {
+        let others = !self.spare.is_empty() || self.exist > 1;
+        let can = matches!(error, Error::TooDense { .. }) && (!alone || others);
         self.exist -= self.spare.len() as u32;
         self.spare.clear();
-        self.one_by_one |= self.at_once == 1;
+        if self.at_once == 1 && !self.one_by_one {
+            self.one_by_one = true;
+            self.company = self.in_hand;
+        }
         self.at_once = (self.at_once / 2).max(1);
         if !can {
             self.fail(error);
@@ -277,5 +292,75 @@ impl<B> Queue for MeshQueue<B> {
 
     fn fail(&mut self, error: Error) {
         self.order.fail(error);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn too_dense() -> Error {
+        Error::TooDense {
+            limit: 1,
+            needed: 2,
+            uses: Vec::new(),
+        }
+    }
+
+    /// A band with three tiles that are all being made.
+    fn with_three_tiles() -> (MeshQueue<()>, Vec<TileTask<()>>) {
+        let limits = Limits {
+            bands: 1,
+            layers: 1,
+            at_once: 1,
+        };
+        let mut queue = MeshQueue::new(limits, 0);
+        load(&mut queue);
+        let tiles = (0..3).map(|_| tile(&mut queue)).collect();
+        (queue, tiles)
+    }
+
+    fn load(queue: &mut MeshQueue<()>) {
+        match queue.next(false) {
+            Next::Do(MeshTask::Load(place, _)) => queue.loaded(place, Ok(((), vec![0, 1, 2]))),
+            _ => panic!("there is a band to be loaded"),
+        }
+    }
+
+    fn tile(queue: &mut MeshQueue<()>) -> TileTask<()> {
+        match queue.next(false) {
+            Next::Do(MeshTask::Tile(tile)) => tile,
+            _ => panic!("there is a tile to be made"),
+        }
+    }
+
+    #[test]
+    fn tiles_that_had_no_room_beside_others_are_made_once_more() {
+        let (mut queue, tiles) = with_three_tiles();
+        for task in tiles {
+            assert!(!queue.order.is_over(false));
+            queue.made(task, Err(too_dense()));
+        }
+        load(&mut queue);
+        for _ in 0..3 {
+            let task = tile(&mut queue);
+            assert!(matches!(queue.next(false), Next::Wait));
+            queue.made(task, Ok(()));
+        }
+        assert!(matches!(queue.next(false), Next::Do(MeshTask::End(0))));
+        queue.ended(Ok(1));
+        queue.outcome().unwrap();
+    }
+
+    #[test]
+    fn a_tile_that_has_no_room_alone_is_refused() {
+        let (mut queue, tiles) = with_three_tiles();
+        for task in tiles {
+            queue.made(task, Err(too_dense()));
+        }
+        load(&mut queue);
+        let task = tile(&mut queue);
+        queue.made(task, Err(too_dense()));
+        assert!(queue.outcome().is_err());
     }
 }

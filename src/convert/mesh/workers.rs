@@ -7,7 +7,7 @@ use crate::convert::mesh::collect::TileCollector;
 use crate::convert::mesh::queue::{Limits, MeshQueue, MeshTask, TileTask};
 use crate::convert::mesh::{MeshInput, Meshing};
 use crate::convert::shared_queue::{Queue, SharedQueue};
-use crate::error::Result;
+use crate::error::{Error, Result};
 use crate::sys::background_writer::BackgroundWriters;
 use crate::sys::locks::{into_inner, lock};
 use crate::volume::Voxel;
@@ -135,7 +135,10 @@ impl<'a, T: Voxel + Default> MeshWorkers<'a, T> {
         match task {
             MeshTask::Load(place, memory) => {
                 let mut band = memory.unwrap_or_else(|| self.loader.band());
-                let tiles = self.loader.load(place, &mut band);
+                let mut tiles = self.loader.load(place, &mut band);
+                while matches!(tiles, Err(Error::TooDense { .. })) && self.meshing.free_idle() {
+                    tiles = self.loader.load(place, &mut band);
+                }
                 if let Ok(tiles) = &tiles {
                     let all = u64::from(self.loader.known.tiling.tiles()[0]);
                     self.input.job.progress.advance(all - tiles.len() as u64);
@@ -157,7 +160,11 @@ impl<'a, T: Voxel + Default> MeshWorkers<'a, T> {
 
     fn tile(&self, task: &TileTask<MeshBand<T>>) -> Result<()> {
         if let Some(tile) = self.meshing.mesh_tile(&task.band, task.grid)? {
-            lock(&self.collector).add(tile)?;
+            let mut collector = lock(&self.collector);
+            if collector.reserve().is_err() {
+                self.meshing.free_idle();
+            }
+            collector.add(tile)?;
         }
         self.input.job.progress.advance(1);
         Ok(())

@@ -65,6 +65,12 @@ impl WorkspacePool {
         result
     }
 
+    /// Gives back the memory of workspaces that nobody uses. False if there is none.
+    pub fn free_idle(&self) -> bool {
+        let idle = std::mem::take(&mut self.lock().idle);
+        !idle.is_empty()
+    }
+
     fn take(&self, bytes: u64) -> Result<Lent<'_>> {
         let mut state = self.lock();
         loop {

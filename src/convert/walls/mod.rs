@@ -6,7 +6,7 @@
 
 mod of_cells;
 
-pub use of_cells::{CellWalls, add_walls};
+pub use of_cells::{CellWalls, NeighbourRule, add_walls};
 
 use crate::convert::conversion::Conversion;
 use crate::convert::known_band::KnownBands;

@@ -15,9 +15,12 @@ use std::path::Path;
 /// Records that are sorted in memory.
 const ROOM: usize = 1 << 14;
 /// Walls of fewer faces of a voxel make no neighbours: two cells see each other through the gaps of others.
-const LEAST_FACES: f64 = 10.0;
+const LEAST_FACES: f64 = 5.0;
 /// Nor do walls of a smaller part of the area of the one of both cells that has less.
-const LEAST_PART: f64 = 0.01;
+const LEAST_PART: f64 = 0.005;
+/// Nor do those that are as many times thicker than the walls of either cell: lines that run along a flat wall join the
+/// cells at its two ends.
+const MOST_TIMES: f64 = 1.8;
 
 /// Walls, and what they tell of each cell.
 pub struct CellWalls {
@@ -80,35 +83,22 @@ pub fn add_walls(
     work: &Path,
 ) -> Result<()> {
     let known = &*components;
-    let [x, y, z] = place.spacing;
-    let mean_face = (y * z + x * z + x * y) / 3.0;
-    let scale = AreaScale::new(place.spacing);
     let room = FOR_WALLS_OF_CELLS.of(memory);
     let mut of_cells = RecordTable::<WallsOfCell>::new(known.cells.len(), room, work)?;
-    let mut pairs = Sorter::new(work, ROOM)?;
     let mut sorted = Sorter::new(work, ROOM)?;
-    if let Some(given) = &known.given {
-        let openings = &given.cells.openings;
-        openings.each(|opening: Opening| pairs.push(Pair(opening.cells)))?;
-    }
     walls.each(|wall: Wall| {
-        let mut smaller = f64::INFINITY;
-        for cell in wall.cells {
-            smaller = smaller.min(scale.area(known.cell(cell)?.mesh.area));
+        wall.cells.into_iter().try_for_each(|cell| {
             let place = known.place_of_cell(cell);
             of_cells.update(place, |own| own.area_steps += wall.area_steps)?;
             sorted.push(WallOfCell {
                 place,
                 thickness: wall.thickness,
                 area: wall.area_steps,
-            })?;
-        }
-        let least = (LEAST_FACES * mean_face).max(LEAST_PART * smaller);
-        match wall.area(place.spacing) >= least {
-            true => pairs.push(Pair(wall.cells)),
-            false => Ok(()),
-        }
+            })
+        })
     })?;
+    add_medians(sorted, &mut of_cells)?;
+    let pairs = neighbours(known, &walls, &of_cells, place, work)?;
     let mut last = None;
     pairs.finish(|Pair(cells)| {
         let is_new = last.replace(cells) != Some(cells);
@@ -116,9 +106,76 @@ pub fn add_walls(
             of_cells.update(known.place_of_cell(cell), |own| own.neighbours += 1)
         })
     })?;
-    add_medians(sorted, &mut of_cells)?;
     components.walls = Some(CellWalls { walls, of_cells });
     Ok(())
+}
+
+/// Pairs of cells with an opening, and those with a wall that makes neighbours.
+fn neighbours(
+    known: &Components,
+    walls: &SpillFile,
+    of_cells: &RecordTable<WallsOfCell>,
+    place: &Placement,
+    work: &Path,
+) -> Result<Sorter<Pair>> {
+    let mut pairs = Sorter::new(work, ROOM)?;
+    if let Some(given) = &known.given {
+        let openings = &given.cells.openings;
+        openings.each(|opening: Opening| pairs.push(Pair(opening.cells)))?;
+    }
+    let rule = NeighbourRule::new(known, of_cells, place);
+    walls.each(|wall: Wall| match rule.holds(&wall)? {
+        true => pairs.push(Pair(wall.cells)),
+        false => Ok(()),
+    })?;
+    Ok(pairs)
+}
+
+/// Which walls make their cells neighbours.
+pub struct NeighbourRule<'a> {
+    known: &'a Components,
+    of_cells: &'a RecordTable<WallsOfCell>,
+    spacing: [f64; 3],
+    scale: AreaScale,
+    /// The least area of a wall between cells of any size.
+    least: f64,
+}
+
+impl<'a> NeighbourRule<'a> {
+    /// For walls of these cells, of which `of_cells` knows the thickness.
+    pub fn new(
+        known: &'a Components,
+        of_cells: &'a RecordTable<WallsOfCell>,
+        place: &Placement,
+    ) -> Self {
+        let [x, y, z] = place.spacing;
+        let mean_face = (y * z + x * z + x * y) / 3.0;
+        NeighbourRule {
+            known,
+            of_cells,
+            spacing: place.spacing,
+            scale: AreaScale::new(place.spacing),
+            least: LEAST_FACES * mean_face,
+        }
+    }
+
+    /// True if a wall is large enough, and not much thicker than the walls of both cells.
+    ///
+    /// # Errors
+    /// [`crate::Error::Io`].
+    pub fn holds(&self, wall: &Wall) -> Result<bool> {
+        let (mut smaller, mut thicker) = (f64::INFINITY, 0.0);
+        for cell in wall.cells {
+            let own = self.of_cells.get(self.known.place_of_cell(cell))?;
+            smaller = self
+                .scale
+                .area(self.known.cell(cell)?.mesh.area)
+                .min(smaller);
+            thicker = own.thickness.max(thicker);
+        }
+        let least = self.least.max(LEAST_PART * smaller);
+        Ok(wall.area(self.spacing) >= least && wall.thickness <= MOST_TIMES * thicker)
+    }
 }
 
 /// Enters the median thickness by area, given the sum of all areas.

@@ -162,11 +162,15 @@ pub fn walls(walls: &Walls) -> Markup {
     let Some(h) = &walls.histogram else {
         return html! {};
     };
-    let numbers: Vec<f64> = h.bins.iter().map(|&n| n as f64).collect();
+    let all: f64 = h.volumes.iter().sum();
+    let shares: Vec<f64> = h.volumes.iter().map(|v| 100.0 * v / all).collect();
     let x = format!("thickness [{}]", printed_unit(&walls.unit));
-    let axes = Axes { x: &x, y: "walls" };
+    let axes = Axes {
+        x: &x,
+        y: "share of area [%]",
+    };
     figure(
-        bars([h.min, h.max], &numbers, &axes),
-        "Walls by their thickness.",
+        bars([h.min, h.max], &shares, &axes),
+        "Area of walls by their thickness.",
     )
 }

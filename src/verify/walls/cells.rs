@@ -13,29 +13,27 @@ use crate::verify::tile::Context;
 
 /// Records that each sort keeps in memory.
 const IN_MEMORY: usize = 1 << 12;
-/// Walls of fewer faces of a voxel, or of a smaller part of the area of the one of both cells that has less, make no
-/// neighbours.
-const LEAST_FACES: f64 = 10.0;
-const LEAST_PART: f64 = 0.01;
+/// Walls of fewer faces of a voxel, of a smaller part of the area of the one of both cells that has less, or as many times
+/// thicker than the walls of either cell, make no neighbours.
+const LEAST_FACES: f64 = 5.0;
+const LEAST_PART: f64 = 0.005;
+const MOST_TIMES: f64 = 1.8;
 
-/// A record of numbers, which are the bits of those that are not whole.
-type Record = [u64; 4];
-
-/// Records by their first number.
-struct Sorted {
-    merge: Merge<4>,
-    next: Option<Record>,
+/// Records of numbers, which are the bits of those that are not whole, by their first one.
+struct Sorted<const N: usize> {
+    merge: Merge<N>,
+    next: Option<[u64; N]>,
 }
 
-impl Sorted {
-    fn of(spill: Spill<4>) -> Result<Self> {
+impl<const N: usize> Sorted<N> {
+    fn of(spill: Spill<N>) -> Result<Self> {
         let mut merge = spill.into_sorted()?;
         let next = merge.next()?;
         Ok(Sorted { merge, next })
     }
 
     /// The next one, if it begins with a number up to `key`.
-    fn up_to(&mut self, key: u64) -> Result<Option<Record>> {
+    fn up_to(&mut self, key: u64) -> Result<Option<[u64; N]>> {
         let Some(record) = self.next.filter(|record| record[0] <= key) else {
             return Ok(None);
         };
@@ -48,26 +46,32 @@ impl Sorted {
 pub(super) struct OfCells {
     /// Cell, thickness, area, line in the table.
     walls: Spill<4>,
-    /// Line, cells, area.
-    pairs: Spill<4>,
+    /// Line, area, thickness, and whether it is stated to make its cells neighbours.
+    rows: Spill<4>,
+    /// Cells that are stated to be neighbours, in both orders.
+    pairs: Spill<2>,
 }
 
 impl OfCells {
     pub fn new() -> Self {
         OfCells {
             walls: Spill::new(IN_MEMORY),
+            rows: Spill::new(IN_MEMORY),
             pairs: Spill::new(IN_MEMORY),
         }
     }
 
     /// Adds the wall of a line.
     pub fn add(&mut self, wall: &Wall, line: u64) -> Result<()> {
+        let [thickness, area] = [wall.thickness, wall.area].map(f64::to_bits);
         for cell in wall.cells {
-            let [thickness, area] = [wall.thickness, wall.area].map(f64::to_bits);
             self.walls.push([cell, thickness, area, line])?;
         }
-        let [a, b] = wall.cells;
-        self.pairs.push([line, a, b, wall.area.to_bits()])
+        let neighbours = wall.neighbour == Some(1.0);
+        if neighbours {
+            add_pair(&mut self.pairs, wall.cells)?;
+        }
+        self.rows.push([line, area, thickness, neighbours.into()])
     }
 
     /// Compares them with the table of cells. What is wrong with that alone, or with the table of necks, is said elsewhere.
@@ -84,7 +88,8 @@ impl OfCells {
         };
         let columns = lines.walls_at();
         let mut walls = Sorted::of(self.walls)?;
-        let [mut areas, mut stated] = [0; 2].map(|_| Spill::new(IN_MEMORY));
+        let mut sizes = Spill::new(IN_MEMORY);
+        let mut stated = Spill::new(IN_MEMORY);
         let mut last = 0;
         while let Some(row) = lines.next_row(&mut unsaid) {
             let cell = row[0].unwrap_or(0.0) as u64;
@@ -94,20 +99,21 @@ impl OfCells {
             last = cell;
             let [neighbours, thickness] = columns.map(|at| row[at]);
             let mut own = Own::new(thickness);
+            let size = [row[AREA], thickness].map(|v| v.unwrap_or(0.0).to_bits());
             while let Some([of, thickness, area, line]) = walls.up_to(cell)? {
                 if of < cell {
                     no_row(of, line, path, issues);
                     continue;
                 }
                 own.add(f64::from_bits(thickness), f64::from_bits(area));
-                areas.push([line, cell, row[AREA].unwrap_or(0.0).to_bits(), 0])?;
+                sizes.push([line, size[0], size[1]])?;
             }
             if let (Some(message), false) = (own.fault(), cx.manifest.is_part()) {
                 let message = format!("cell {cell}: {message}");
                 issues.add(Code::TableValue, lines.place(), message);
             }
             let neighbours = neighbours.unwrap_or(f64::NAN).to_bits();
-            stated.push([cell, neighbours, lines.line, 0])?;
+            stated.push([cell, neighbours, lines.line])?;
         }
         if lines.damaged {
             return Ok(());
@@ -115,9 +121,21 @@ impl OfCells {
         while let Some([of, _, _, line]) = walls.up_to(u64::MAX)? {
             no_row(of, line, path, issues);
         }
-        let pairs = neighbours(self.pairs, areas, scale, cx)?;
+        check_rows(self.rows, sizes, scale, path, issues)?;
+        let mut pairs = self.pairs;
+        if let Some(mut lines) = Lines::open(cx, Kind::Neck, &mut unsaid) {
+            while let Some(row) = lines.next_row(&mut unsaid) {
+                add_pair(&mut pairs, [0, 1].map(|at| row[at].unwrap_or(0.0) as u64))?;
+            }
+        }
         check_neighbours(pairs, stated, &lines.path, cx, issues)
     }
+}
+
+/// Adds two cells in both orders.
+fn add_pair(pairs: &mut Spill<2>, [a, b]: [u64; 2]) -> Result<()> {
+    pairs.push([a, b])?;
+    pairs.push([b, a])
 }
 
 fn no_row(cell: u64, line: u64, path: &str, issues: &mut Issues) {
@@ -181,70 +199,69 @@ impl Own {
     }
 }
 
-/// Cells with their neighbours: by openings, and by walls that are large enough, of which the last number is 1 if that is
-/// beyond doubt.
-fn neighbours(
-    pairs: Spill<4>,
-    areas: Spill<4>,
+/// Compares what rows of walls state of neighbours with their areas and thickness and those of their cells, of which
+/// `sizes` has for each line the area of a cell, and the thickness of its walls.
+fn check_rows(
+    rows: Spill<4>,
+    sizes: Spill<3>,
     scale: &WallScale,
-    cx: &Context,
-) -> Result<Spill<4>> {
-    let mut found = Spill::new(IN_MEMORY);
-    let mut both = |a: u64, b: u64, is: bool| {
-        let is = u64::from(is);
-        // the surest first
-        found.push([a, b, 1 - is, 0])?;
-        found.push([b, a, 1 - is, 0])
-    };
-    let mut pairs = Sorted::of(pairs)?;
-    let mut areas = Sorted::of(areas)?;
+    path: &str,
+    issues: &mut Issues,
+) -> Result<()> {
+    let mut rows = Sorted::of(rows)?;
+    let mut sizes = Sorted::of(sizes)?;
     let mean_face = scale.faces.iter().sum::<f64>() / 3.0 * scale.smallest_face;
-    while let Some([line, a, b, area]) = pairs.up_to(u64::MAX)? {
-        let (mut smaller, mut known) = (f64::INFINITY, 0);
-        while let Some([_, _, area, _]) = areas.up_to(line)? {
+    while let Some([line, area, thickness, stated]) = rows.up_to(u64::MAX)? {
+        let (mut smaller, mut thicker, mut known) = (f64::INFINITY, 0.0f64, 0);
+        while let Some([_, area, thickness]) = sizes.up_to(line)? {
             smaller = smaller.min(f64::from_bits(area));
+            thicker = thicker.max(f64::from_bits(thickness));
             known += 1;
         }
+        let [area, thickness] = [area, thickness].map(f64::from_bits);
         let least = (LEAST_FACES * mean_face).max(LEAST_PART * smaller);
-        let area = f64::from_bits(area);
-        if known == 2 && area >= least * (1.0 - ROUNDING) {
-            both(a, b, area >= least * (1.0 + ROUNDING))?;
+        let most = MOST_TIMES * thicker;
+        // numbers of tables are rounded
+        let holds = |by: f64| area >= least * (1.0 + by) && thickness <= most * (1.0 - by);
+        let fits = match stated {
+            0 => !holds(ROUNDING),
+            _ => holds(-ROUNDING),
+        };
+        if known == 2 && !fits {
+            let message = format!(
+                "found neighbour {stated}, expected {}: between neighbours wall_area is {least} at least, and wall_thickness \
+                 {most} at most",
+                1 - stated
+            );
+            issues.add(Code::TableValue, format!("{path}:{line}"), message);
         }
     }
-    let mut unsaid = Issues::new(0);
-    if let Some(mut lines) = Lines::open(cx, Kind::Neck, &mut unsaid) {
-        while let Some(row) = lines.next_row(&mut unsaid) {
-            let [a, b] = [0, 1].map(|at| row[at].unwrap_or(0.0) as u64);
-            both(a, b, true)?;
-        }
-    }
-    Ok(found)
+    Ok(())
 }
 
 /// Compares neighbours with what rows of cells state: cell, neighbours, line.
 fn check_neighbours(
-    pairs: Spill<4>,
-    stated: Spill<4>,
+    pairs: Spill<2>,
+    stated: Spill<3>,
     path: &str,
     cx: &Context,
     issues: &mut Issues,
 ) -> Result<()> {
     let mut pairs = Sorted::of(pairs)?;
     let mut rows = Sorted::of(stated)?;
-    while let Some([cell, stated, line, _]) = rows.up_to(u64::MAX)? {
+    while let Some([cell, stated, line]) = rows.up_to(u64::MAX)? {
         let stated = f64::from_bits(stated);
-        let (mut is, mut may, mut last) = (0.0, 0.0, None);
-        while let Some([of, other, doubt, _]) = pairs.up_to(cell)? {
+        let (mut count, mut last) = (0.0, None);
+        while let Some([of, other]) = pairs.up_to(cell)? {
             if of == cell && last.replace(other) != Some(other) {
-                is += if doubt == 0 { 1.0 } else { 0.0 };
-                may += 1.0;
+                count += 1.0;
             }
         }
         // a part lacks some of the walls
-        let fits = is <= stated && (stated <= may || cx.manifest.is_part());
+        let fits = stated == count || (stated > count && cx.manifest.is_part());
         if !fits {
             let message =
-                format!("cell {cell}: neighbours {stated}, by walls and openings it has {may}");
+                format!("cell {cell}: neighbours {stated}, by walls and openings it has {count}");
             issues.add(Code::TableValue, format!("{path}:{line}"), message);
         }
     }

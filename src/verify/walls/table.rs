@@ -14,6 +14,7 @@ const AREA: usize = 2;
 const THICKNESS: usize = 3;
 const CHORDS: usize = 4;
 const THIN_FLAG: usize = 5;
+const NEIGHBOUR: usize = 6;
 
 /// Relative error of numbers as tables round them.
 pub(super) const ROUNDING: f64 = 1e-9;
@@ -29,6 +30,8 @@ pub(super) struct Wall {
     pub thickness: f64,
     chords: f64,
     thin: Option<f64>,
+    /// Whether it makes its cells neighbours.
+    pub neighbour: Option<f64>,
 }
 
 /// Checks the tables of a set that has one of walls. `ledger` are the chords of its tiles, if these have all surfaces.
@@ -152,6 +155,7 @@ impl Wall {
             thickness: number(THICKNESS),
             chords: number(CHORDS),
             thin: row[THIN_FLAG],
+            neighbour: row[NEIGHBOUR],
         }
     }
 
@@ -181,7 +185,10 @@ impl Wall {
             Some(1.0) if thickness > THIN * scale.finest / coarsest + bin => {
                 Some("found thin 1, expected 0 of that thickness".to_owned())
             }
-            Some(0.0 | 1.0) => None,
+            Some(0.0 | 1.0) => match self.neighbour {
+                Some(0.0 | 1.0) => None,
+                _ => Some("found a neighbour that is neither 0 nor 1".to_owned()),
+            },
             _ => Some("found a thin that is neither 0 nor 1".to_owned()),
         }
     }

@@ -13,7 +13,8 @@ import { Tree } from "./tree.js";
 import { by } from "./dom.js";
 import { cross, dot } from "./vector.js";
 
-const CHANGED = "The tile set was changed on the disk while this page was open.";
+/** Blocks that cannot be read and are named, at most. */
+const NAMED = 3;
 
 let ready;
 let failed;
@@ -28,7 +29,7 @@ async function open() {
   if (!token) {
     throw new Refused(401, "This address is not complete: open the one that alvis view prints in the terminal, with all that follows the #.");
   }
-  const server = new Server(token);
+  const server = new Server(token, (message) => trouble("set", message));
   // the graphics card gets ready while the server answers
   const asked = Promise.all([server.set(), server.tree()]);
   asked.catch(() => {});
@@ -88,20 +89,24 @@ function openPicture() {
   }
 }
 
+// What is wrong with blocks that cannot be read.
+const wrong = new Set();
+
 // A block that cannot be read, a server that is gone, a set that is another one now.
 function refuse(error) {
-  if (error.status === 409) {
-    trouble("set", CHANGED, { text: "Load it again", run: () => location.reload() });
-  } else if (error.status === 0) {
+  if (error.status === 0) {
     trouble("server", error.message, { text: "Try again", run: again });
-  } else {
-    trouble("block", error.message, { text: "Try again", run: again });
+  } else if (error.status !== 409) {
+    wrong.add(error.message);
+    const more = wrong.size > NAMED ? [`and ${wrong.size - NAMED} more`] : [];
+    trouble("block", [...[...wrong].slice(0, NAMED), ...more].join("; "), { text: "Try again", run: again });
   }
   app.director.redraw();
 }
 
 function again() {
   for (const name of ["server", "block"]) over(name);
+  wrong.clear();
   for (const node of app.tree.nodes) node.refused = null;
   app.director.redraw();
 }

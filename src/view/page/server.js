@@ -12,7 +12,9 @@ export class Refused extends Error {
 const GONE = "Nobody answers any more. Is alvis view still running in the terminal?";
 
 export class Server {
-  constructor(token) {
+  /** `changed(message)` is called when an answer tells that the set is another one by now. */
+  constructor(token, changed) {
+    this.changed = changed;
     this.headers = { Authorization: `Bearer ${token}` };
     this.counts = { requests: 0, bytes: 0, aborted: 0 };
   }
@@ -31,6 +33,7 @@ export class Server {
       }
       throw new Refused(0, GONE);
     }
+    if (answer.status === 409) this.changed(told(body));
     if (!answer.ok) throw new Refused(answer.status, told(body) || `The server answers ${answer.status} to ${path}.`);
     this.counts.bytes += body.byteLength;
     return { body, headers: answer.headers };
@@ -78,8 +81,14 @@ export class Server {
     if (where) asked.set("where", where);
     if (sort) asked.set("sort", sort);
     if (descending) asked.set("descending", "1");
-    const words = await this.words(`/query/${kind}?${asked}`, "ALVQ", 3);
-    return words.subarray(3, 3 + words[2]);
+    try {
+      const words = await this.words(`/query/${kind}?${asked}`, "ALVQ", 3);
+      return words.subarray(3, 3 + words[2]);
+    } catch (error) {
+      // nobody typed an option here
+      if (error instanceof Refused) error.message = error.message.replace(/^--(where|sort): /, "");
+      throw error;
+    }
   }
 
   row(kind, id) {

@@ -3,11 +3,12 @@
 //! The format is described at <https://docs.itk.org/en/latest/learn/metaio.html>; where the text is
 //! silent this reader does what ITK does. `TransformMatrix` lists the direction of the first axis,
 //! then of the second, then of the third. Intensities are `ElementToIntensityFunctionSlope * stored +
-//! ElementToIntensityFunctionOffset`. Axes of one entry are left out. `AnatomicalOrientation` is not used: the
-//! format's text and ITK call the same axes by opposite letters.
+//! ElementToIntensityFunctionOffset`. Axes of one entry are left out. What `AnatomicalOrientation` says is not
+//! used: the format's text and ITK call the same axes by opposite letters. That it is there tells that places are of a
+//! patient, as ITK has them: to the left, to the back and up.
 
 use crate::error::{Error, Result};
-use crate::grid::{Dims, Origin, Placement, Provenance, Unit};
+use crate::grid::{Dims, Frame, Origin, Placement, Provenance, Unit};
 use crate::volume::adapters::values::Values;
 use crate::volume::descriptor::{Samples, VolumeDescriptor};
 use crate::volume::format::Format;
@@ -289,6 +290,10 @@ impl<'a> Head<'a> {
     fn placement(&self) -> Result<(Placement, Provenance, Option<Warning>)> {
         let mut place = Placement::default();
         let mut from = Provenance::default();
+        // what it says is not used, but programs that write it have patients' axes, to the left, to the back, up
+        if self.get("AnatomicalOrientation").is_some() {
+            from.frame = Frame::Lps;
+        }
         let first_of = |names: &[&'a str]| names.iter().find_map(|name| self.get(name));
         let mut lengths = [1.0; 3];
         if let Some(field) = first_of(&["TransformMatrix", "Rotation", "Orientation"]) {

@@ -69,7 +69,8 @@ impl PartWork<'_> {
         let done: Done<LabelsOfPart> = directory.done_by(round, part)?;
         done.check_marks()?;
         let mut held = MemoryReservation::new(&job.plan.pool(), SPLITTING);
-        let options = options_of(job, rule, for_blocks(&mut held));
+        let for_blocks = for_blocks(&mut held, job.plan.tiling.dims);
+        let options = options_of(job, rule, for_blocks);
         Ok(PartOfSplit {
             labelled: open_labels(directory, &done, part)?,
             beside: beside(job, directory, round, part, options.metric.reach())?,

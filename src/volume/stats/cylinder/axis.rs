@@ -3,7 +3,7 @@
 use super::SMALLEST;
 use super::circle::{Circle, DIRECTIONS, Outline, distance};
 use super::image::{Hidden, Image, median, split};
-use super::rim::Rim;
+use super::rim::{Rim, names};
 use super::slices::{Picture, Raster, spread};
 use crate::error::Result;
 use crate::grid::Voxel;
@@ -24,16 +24,32 @@ const ALIKE: [f64; 2] = [1.5, 0.03];
 /// In this share of the directions at least.
 const AGREE: f64 = 0.6;
 
+/// The shares of the pixels of a slice that are darker than its darkest and its brightest parts, without stray ones.
+const DARKEST: f64 = 0.05;
+const BRIGHTEST: f64 = 0.99;
+/// How much brighter, above what is dark, a slice is than most are, if it shows something else: its brightest parts, and its
+/// mean.
+const FAR_BRIGHTER: [f64; 2] = [1.5, 2.0];
+
+/// Of the slices, those that are brighter inside of a body than beside it at least.
+const ALL_BUT_FEW: f64 = 0.9;
+
 /// Some slices of a range, by rising number, and what they show.
+#[derive(Clone)]
 pub(super) struct Seen {
     pub raster: Raster,
     pub slices: Vec<Slice>,
+    /// Those that are of one value, and show nothing.
+    blank: Vec<u32>,
     hidden: Hidden,
     /// The brightness that parts what is bright from what is not.
     threshold: f64,
+    /// Slices whose brightest parts, or whose means, are brighter show something else.
+    brightest: [f64; 2],
 }
 
 /// A slice.
+#[derive(Clone)]
 pub(super) struct Slice {
     pub z: u32,
     pub image: Image,
@@ -57,6 +73,10 @@ impl Seen {
             Picture::read::<T>(volume, z, raster, progress)
         };
         let pictures = slices.into_iter().map(read).collect::<Result<Vec<_>>>()?;
+        let (blank, pictures): (Vec<_>, Vec<_>) = pictures.into_iter().partition(Picture::is_blank);
+        if pictures.is_empty() {
+            return Ok(None);
+        }
         let hidden = Hidden::of(&pictures, raster);
         let slice = |picture: Picture| Slice {
             z: picture.z,
@@ -68,12 +88,77 @@ impl Seen {
         Ok(split.map(|(threshold, _)| Seen {
             raster,
             slices,
+            blank: blank.into_iter().map(|picture| picture.z).collect(),
             hidden,
             threshold,
+            brightest: [f64::INFINITY; 2],
         }))
     }
 
-    /// One more slice, as those that were seen.
+    /// The same without slices that are far brighter than this share of them is, as of a holder under a sample with few walls.
+    /// `None` if all are alike.
+    pub fn of_most(&self, share: f64) -> Option<Self> {
+        let dark = median(
+            &mut self
+                .slices
+                .iter()
+                .map(|s| s.level(DARKEST))
+                .collect::<Vec<_>>(),
+        );
+        let most = |place: usize| {
+            let mut all: Vec<f64> = self.slices.iter().map(|s| s.brightness()[place]).collect();
+            all.sort_unstable_by(f64::total_cmp);
+            let usual = all[((all.len() - 1) as f64 * share) as usize];
+            dark + FAR_BRIGHTER[place] * (usual - dark)
+        };
+        let mut seen = Seen {
+            brightest: [most(0), most(1)],
+            ..self.clone()
+        };
+        let alike = || self.slices.iter().filter(|s| !seen.is_far_brighter(s));
+        if alike().count() == self.slices.len() {
+            return None;
+        }
+        let pixels = alike().flat_map(|slice| &slice.image.pixels);
+        (seen.threshold, _) = split(pixels.map(|v| f64::from(*v)))?;
+        Some(seen)
+    }
+
+    /// True if a slice shows something else by its brightness.
+    pub fn is_far_brighter(&self, slice: &Slice) -> bool {
+        let brightness = slice.brightness();
+        (0..2).any(|place| brightness[place] > self.brightest[place])
+    }
+
+    /// The slices that may show the sample.
+    pub fn alike(&self) -> impl Iterator<Item = &Slice> {
+        self.slices
+            .iter()
+            .filter(|slice| !self.is_far_brighter(slice))
+    }
+
+    /// True if slices are brighter inside of a body than beside it: most of them, those that show the beside at all.
+    pub fn is_bright(&self, axis: &Axis) -> bool {
+        let is_bright = |slice: &&Slice| {
+            let circle = axis.at(slice.z.into());
+            let (mut inside, mut beside) = ((0.0, 0.0), (0.0, 0.0));
+            for (i, v) in slice.image.pixels.iter().enumerate() {
+                let share = (circle.off(slice.image.place(i)) + circle.radius) / circle.radius;
+                let sum = match share {
+                    _ if self.hidden.hides(i) => continue,
+                    ..0.9 => &mut inside,
+                    1.1..1.3 => &mut beside,
+                    _ => continue,
+                };
+                *sum = (sum.0 + f64::from(*v), sum.1 + 1.0);
+            }
+            inside.0 / inside.1 > beside.0 / beside.1
+        };
+        let bright = self.alike().filter(is_bright).count();
+        bright as f64 >= ALL_BUT_FEW * self.alike().count() as f64
+    }
+
+    /// One more slice, as those that were seen; `None` if it is of one value.
     ///
     /// # Errors
     /// The volume's; [`crate::Error::Interrupted`].
@@ -82,10 +167,26 @@ impl Seen {
         volume: &dyn Volume,
         z: u32,
         progress: &dyn Progress,
-    ) -> Result<Slice> {
+    ) -> Result<Option<Slice>> {
         let picture = Picture::read::<T>(volume, z, self.raster, progress)?;
-        let image = self.hidden.image(picture.pixels, self.raster);
-        Ok(Slice { z, image })
+        Ok((!picture.is_blank()).then(|| Slice {
+            z,
+            image: self.hidden.image(picture.pixels, self.raster),
+        }))
+    }
+
+    /// The slices of a range that are of one value, as people read them; `None` without any.
+    pub fn blank_names(&self, range: &Range<u32>) -> Option<String> {
+        let blank: Vec<u32> = self
+            .blank
+            .iter()
+            .copied()
+            .filter(|z| range.contains(z))
+            .collect();
+        let mut all: Vec<u32> = self.slices.iter().map(|slice| slice.z).collect();
+        all.extend(&self.blank);
+        all.sort_unstable();
+        (!blank.is_empty()).then(|| names(&blank, &all))
     }
 
     /// The outlines of all that is bright in the slices, where anything is.
@@ -97,27 +198,58 @@ impl Seen {
                 outline,
             })
         };
-        self.slices.iter().filter_map(of).collect()
+        self.alike().filter_map(of).collect()
     }
 
     /// The slices between those that show nothing bright, where few of all do; `None` otherwise.
     pub fn few(&self, range: &Range<u32>) -> Option<Range<u32>> {
         let bright = |slice: &Slice| {
             let pixels = slice.image.pixels.iter();
-            pixels.filter(|v| f64::from(**v) >= self.threshold).count()
+            let bright = pixels.filter(|v| f64::from(**v) >= self.threshold);
+            (slice.z, bright.count())
         };
-        let bright: Vec<usize> = self.slices.iter().map(bright).collect();
-        let most = *bright.iter().max()?;
-        let first = bright.iter().position(|n| 2 * n > most)?;
-        let last = bright.iter().rposition(|n| 2 * n > most)?;
-        let before = first.checked_sub(1).map(|i| self.slices[i].z + 1);
-        let after = self.slices.get(last + 1).map(|slice| slice.z);
+        let mut bright: Vec<(u32, usize)> = self.slices.iter().map(bright).collect();
+        bright.extend(self.blank.iter().map(|z| (*z, 0)));
+        bright.sort_unstable();
+        let most = bright.iter().map(|(_, n)| *n).max()?;
+        let first = bright.iter().position(|(_, n)| 2 * n > most)?;
+        let last = bright.iter().rposition(|(_, n)| 2 * n > most)?;
+        let before = first.checked_sub(1).map(|i| bright[i].0 + 1);
+        let after = bright.get(last + 1).map(|(z, _)| *z);
         let part = before.unwrap_or(range.start)..after.unwrap_or(range.end);
         (2 * part.len() < range.len()).then_some(part)
+    }
+
+    /// True if most slices are of one value.
+    pub fn is_mostly_blank(&self) -> bool {
+        self.blank.len() > self.slices.len()
+    }
+
+    /// True if what the slices do not show begins where a circle ends.
+    pub fn ends_at(&self, circle: &Circle) -> bool {
+        self.hidden.begins_at(self.raster, circle)
     }
 }
 
 impl Slice {
+    /// Of its brightest parts, and of all.
+    fn brightness(&self) -> [f64; 2] {
+        let pixels = &self.image.pixels;
+        let sum: f64 = pixels.iter().map(|v| f64::from(*v)).sum();
+        [self.level(BRIGHTEST), sum / pixels.len() as f64]
+    }
+
+    /// The brightness below which this share of its pixels is.
+    fn level(&self, share: f64) -> f64 {
+        let mut values = self.image.pixels.clone();
+        let place = (values.len() - 1) as f64 * share;
+        f64::from(
+            *values
+                .select_nth_unstable_by(place as usize, f32::total_cmp)
+                .1,
+        )
+    }
+
     /// The outline of what is bright in a part of it, without specks.
     pub fn outline(&self, threshold: f64, within: impl Fn([f64; 2]) -> bool) -> Option<Outline> {
         let image = &self.image;

@@ -16,6 +16,10 @@ const BRIGHT: f64 = 0.35;
 const SMOOTH: f64 = 0.4;
 /// Of the brightness of the sample above the air, what is in the middle of it at least.
 const EMPTY: f64 = 0.15;
+/// Of how rough the air is, how rough it is in a middle that is empty at most.
+const ROUGH: f64 = 1.5;
+/// Rings of air between a sample and a tube that is not told apart from it, at most.
+const GAP: usize = 8;
 /// Of the radius, an empty middle that is told.
 const HOLLOW: f64 = 0.08;
 /// Of the brightness of the sample above the air, a change that is told.
@@ -26,6 +30,8 @@ const AS_RIM: f64 = 1.25;
 const SHARP: [f64; 2] = [0.3, 0.6];
 /// How widely a rim spreads that is not blurred, in rings.
 const NOT_BLURRED: f64 = 1.0;
+/// Rings around a circle in which pores get rarer as well, if these stay inside of the sample.
+const NARROW: usize = 4;
 /// Of what a blurred rim spreads by, how wide what is around a circle is at least.
 const WIDE: f64 = 2.5;
 /// Of how rough what is inside of it is, how rough that is at most.
@@ -73,19 +79,39 @@ impl Doubts {
             return [None; 2];
         };
         let all = self.all();
-        // also where nothing is seen
+        let noise = all
+            .of(self.rings.all.saturating_sub(2)..self.rings.all)
+            .deviation();
+        // also where nothing is seen; a few walls are darker than a tube, too, but no air
         let is_empty = |r: &usize| {
             let share = self.share(&all, *r..r + 1, level);
-            share.is_nan() || share < EMPTY
+            let is_rough = all.of(*r..r + 1).deviation() > ROUGH * noise;
+            share.is_nan() || share < EMPTY && !is_rough
         };
         let hollow = (0..self.inside()).take_while(is_empty).count();
         let width = self.rings.width;
         let is_told = hollow as f64 * width >= (HOLLOW * self.cylinder.radius).max(3.0);
-        let change = self.change(hollow, level).map(|ring| ring as f64 * width);
+        let change = self.change(hollow, level);
+        let change = change.map(|ring| self.before_gap(&all, ring) as f64 * width);
         [
             is_told.then_some(hollow as f64 * width),
             change.filter(|radius| *radius < limit),
         ]
+    }
+
+    /// The ring at which a sample ends within a gap of air before a ring at which something else begins; that one without a gap.
+    fn before_gap(&self, all: &Profile, ring: usize) -> usize {
+        let above = |r: usize| all.of(r..r + 1).mean() - self.air;
+        let near = ring.saturating_sub(GAP);
+        let inside = all.of(near.saturating_sub(2 * GAP)..near).mean() - self.air;
+        let is_air = |r: &usize| above(*r) < FULL * inside;
+        let darkest = (near..=ring).min_by(|a, b| above(*a).total_cmp(&above(*b)));
+        let Some(darkest) = darkest.filter(is_air) else {
+            return ring;
+        };
+        (near..darkest)
+            .rfind(|r| !is_air(r))
+            .map_or(ring, |r| r + 1)
     }
 
     fn all(&self) -> Profile {
@@ -320,7 +346,8 @@ struct Steps {
 
 impl Steps {
     /// True if it changes as sharply as the brightness does at the rim, and not slowly as where pores get rarer. If it is not
-    /// quite as sharp, or the rim is blurred, which makes these look alike, there have to be no pores around it.
+    /// quite as sharp, or the rim is blurred, which makes these look alike, there have to be no pores around it, in a part that
+    /// is wide enough to tell.
     fn is_sharp(&self, ring: usize, size: f64, kind: Kind) -> bool {
         let of = |p: &Profile, r: usize| match kind {
             Kind::Brightness => p.of(r..r + 1).mean(),
@@ -334,12 +361,10 @@ impl Steps {
             return false;
         };
         let [sharp, nearly] = SHARP.map(|more| fall.spread <= AS_RIM * self.spread + more);
+        let wide = self.end - ring;
         match self.spread <= NOT_BLURRED {
-            true => sharp || nearly && self.is_even(ring),
-            false => {
-                let wide = (self.end - ring) as f64;
-                sharp && wide > WIDE * self.spread && self.is_even(ring)
-            }
+            true => sharp || nearly && wide > NARROW && self.is_even(ring),
+            false => sharp && wide as f64 > WIDE * self.spread && self.is_even(ring),
         }
     }
 

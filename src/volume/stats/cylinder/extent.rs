@@ -29,6 +29,10 @@ pub(super) enum Shows {
     Elsewhere,
     Narrower,
     Wider,
+    /// Something far brighter than the sample.
+    Brighter,
+    /// One value.
+    Blank,
 }
 
 /// Where a sample is looked for along z.
@@ -66,7 +70,7 @@ impl Extent<'_> {
     /// The volume's; [`crate::Error::Interrupted`].
     pub fn find<T: Voxel>(&self) -> Result<Shown> {
         let slices = &self.seen.slices;
-        let shares: Vec<Shares> = slices.iter().map(|s| self.shares(s)).collect();
+        let shares: Vec<Shares> = self.seen.alike().map(|s| self.shares(s)).collect();
         let inside = shares.iter().map(|s| s.inside).filter(|v| *v > 0.05);
         let around = shares.iter().map(|s| s.around).filter(|v| v.is_finite());
         let usual = Shares {
@@ -85,7 +89,7 @@ impl Extent<'_> {
         let (first, last) = (slices[longest.start].z, slices[longest.end - 1].z);
         let of = |z: u32| {
             let slice = self.seen.one_more::<T>(self.volume, z, self.progress)?;
-            Ok(self.shows(&slice, usual))
+            Ok(slice.map_or(Shows::Blank, |slice| self.shows(&slice, usual)))
         };
         let before = longest.start.checked_sub(1);
         let before = before.map(|i| (slices[i].z, shows[i]));
@@ -161,6 +165,9 @@ impl Extent<'_> {
         let shares = self.shares(slice);
         if shares.around > WIDER + usual.around.min(1.0 - WIDER) {
             return Shows::Wider;
+        }
+        if self.seen.is_far_brighter(slice) {
+            return Shows::Brighter;
         }
         let circle = self.axis.at(slice.z.into());
         let rim = self.rim(circle.radius) - circle.radius;

@@ -1,5 +1,6 @@
 //! One picture of the sample from means of slices: without what is in a few of them only, and without single pixels.
 
+use super::circle::{Circle, DIRECTIONS, direction};
 use super::slices::{Picture, Raster};
 use crate::volume::stats::histogram::Levels;
 
@@ -21,7 +22,7 @@ pub(super) fn median(values: &mut [f64]) -> f64 {
 }
 
 /// What pictures of a scan do not show, and how dark it is taken to be.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub(super) struct Hidden {
     /// Of each pixel.
     is: Vec<bool>,
@@ -30,8 +31,7 @@ pub(super) struct Hidden {
 
 impl Hidden {
     /// Pixels where no sample is finite, and, if all four corners are of one value in all pictures, all of that value, as
-    /// programs fill what lies beyond the circle of a reconstruction. They are as dark as the air, or as the darkest of all
-    /// others if that is not known.
+    /// programs fill what lies beyond the circle of a reconstruction. They are as dark as the air.
     pub fn of(pictures: &[Picture], raster: Raster) -> Self {
         let last = raster.len() - 1;
         let corners = [0, raster.width - 1, last + 1 - raster.width, last];
@@ -44,8 +44,38 @@ impl Hidden {
         let is: Vec<bool> = (0..=last).map(is_hidden).collect();
         let shown = pictures.iter().flat_map(|p| p.pixels.iter().zip(&is));
         let shown = shown.filter(|(v, hidden)| !**hidden && v.is_finite());
-        let dark = air(shown.map(|(v, _)| f64::from(*v)), is[0].then_some(fill));
+        let shown = shown.map(|(v, _)| f64::from(*v));
+        let dark = air(shown, is[0].then_some(fill), || {
+            at_rim(pictures, &is, raster)
+        });
         Hidden { is, dark }
+    }
+
+    /// True if a pixel is not shown.
+    pub fn hides(&self, pixel: usize) -> bool {
+        self.is[pixel]
+    }
+
+    /// True if what pictures do not show begins where a circle ends, nearly all around.
+    pub fn begins_at(&self, raster: Raster, circle: &Circle) -> bool {
+        /// Of the directions.
+        const NEARLY_ALL: usize = 9 * DIRECTIONS / 10;
+        let pixel = f64::from(raster.pixel);
+        let is_hidden = |i: usize, way: f64| {
+            let [cos, sin] = direction(i);
+            let [x, y] = [circle.centre[0] + way * cos, circle.centre[1] + way * sin]
+                .map(|v| (v / pixel).floor());
+            let is_in = |v: f64, n: usize| v >= 0.0 && v < n as f64;
+            // beyond the slices nothing is shown either
+            !is_in(x, raster.width)
+                || !is_in(y, raster.height)
+                || self.is[y as usize * raster.width + x as usize]
+        };
+        let ends = |i: &usize| {
+            is_hidden(*i, circle.radius + 2.0 * pixel)
+                && !is_hidden(*i, circle.radius - 3.0 * pixel)
+        };
+        self.is[0] && (0..DIRECTIONS).filter(ends).count() >= NEARLY_ALL
     }
 
     /// A picture without them: the means of 3 x 3 pixels of which each is the median of 3 x 3, so that no single pixel, nor
@@ -77,9 +107,14 @@ impl Hidden {
     }
 }
 
-/// How dark the air is where some values are shown and the rest, if it is known, is of one value: that, if it is darker than
-/// the middle of what is shown and this is not of two levels, as air and a sample are; else the mean of its lower level.
-fn air(shown: impl Iterator<Item = f64> + Clone, fill: Option<f32>) -> f32 {
+/// How dark the air is where some values are shown and the rest, if it is known, is of one value. If that is darker than the
+/// middle of what is shown, and this is not of two levels, as air and a sample are, it is the air that is shown next to it
+/// or, if there is none, that value; else the mean of the lower level.
+fn air(
+    shown: impl Iterator<Item = f64> + Clone,
+    fill: Option<f32>,
+    at_rim: impl Fn() -> Option<f32>,
+) -> f32 {
     /// The share of the variance between two classes that a single level with noise does not reach: it has 0.64.
     const TWO_LEVELS: f64 = 0.75;
     let levels = split(shown.clone());
@@ -90,10 +125,63 @@ fn air(shown: impl Iterator<Item = f64> + Clone, fill: Option<f32>) -> f32 {
     let all = mean(&mut shown.clone());
     let is_two = levels.is_some_and(|(_, share)| share >= TWO_LEVELS);
     match (fill.filter(|fill| !is_two && *fill < all), levels) {
-        (Some(fill), _) => fill,
+        (Some(fill), _) => at_rim().unwrap_or(fill),
         (None, Some((threshold, _))) => mean(&mut { shown }.filter(|v| *v < threshold)),
         (None, None) => all,
     }
+}
+
+/// The mean of what is shown next to pixels that are hidden, if it is air there: elsewhere are pixels that are brighter than
+/// any there, as of a foam with so few walls that they make no level of their own.
+fn at_rim(pictures: &[Picture], hidden: &[bool], raster: Raster) -> Option<f32> {
+    /// Pixels that may be of both, and how wide it is beyond these.
+    const BLURRED: usize = 1;
+    const WIDE: usize = 3;
+    /// The share of the brightest there, which single pixels are.
+    const STRAY: usize = 1000;
+    /// By how much of what those are brighter than the mean the others are brighter than them, for noise is often less at a
+    /// rim; and the share of all that they have at least.
+    const BRIGHTER: f32 = 0.5;
+    const SHARE: usize = 200;
+    let grown = |mut is: Vec<bool>, by: usize| {
+        for _ in 0..by {
+            is = wider(&is, raster);
+        }
+        is
+    };
+    let near = grown(hidden.to_vec(), BLURRED);
+    let rim = grown(near.clone(), WIDE);
+    let of = |is_in: &dyn Fn(usize) -> bool| -> Vec<f32> {
+        let places: Vec<usize> = (0..hidden.len()).filter(|i| is_in(*i)).collect();
+        let each = pictures
+            .iter()
+            .flat_map(|p| places.iter().map(|i| p.pixels[*i]));
+        each.filter(|v| v.is_finite()).collect()
+    };
+    let mut there = of(&|i| rim[i] && !near[i]);
+    if there.is_empty() {
+        return None;
+    }
+    let mean = there.iter().map(|v| f64::from(*v)).sum::<f64>() / there.len() as f64;
+    let mean = mean as f32;
+    let last = there.len() - 1 - there.len() / STRAY;
+    let most = *there.select_nth_unstable_by(last, f32::total_cmp).1;
+    let others = of(&|i| !near[i]);
+    let bright = others
+        .iter()
+        .filter(|v| **v > most + BRIGHTER * (most - mean));
+    (bright.count() * SHARE > others.len()).then_some(mean)
+}
+
+/// Some pixels and all around them.
+fn wider(is: &[bool], raster: Raster) -> Vec<bool> {
+    let near = |v: usize, n: usize| v.saturating_sub(1)..(v + 2).min(n);
+    let any = |i: usize| {
+        let (x, y) = (i % raster.width, i / raster.width);
+        near(y, raster.height)
+            .any(|y| is[raster.width * y..][near(x, raster.width)].contains(&true))
+    };
+    (0..is.len()).map(any).collect()
 }
 
 /// The values of 3 x 3 pixels around one that show something, into `found`.

@@ -3,7 +3,7 @@
 //! Up to 32 slices are looked at. Of each, what is bright is taken by its outline: how far it reaches in each of 64
 //! directions, which pores that are open to the air hardly change. The outlines lie on lines from slice to slice as the
 //! sample does, also where it is tilted or tapered; the lines on which most slices agree are taken, so that a few with a
-//! holder or air do not count. Slices that agree are moved upon each other, and what a quarter of them show is one picture
+//! holder or air do not count; slices of one value never do, and those that are far brighter than most are left out first. Slices that agree are moved upon each other, and what a quarter of them show is one picture
 //! with closed pores, in which round bodies are told apart: the sample, a tube around it, another sample, where none is
 //! taken. The sample's own outlines then give its axis; the middle of the steepest fall of the brightness around that, its
 //! radius. Each slice is compared with it: something wider, air, a flat side are told. At last the sample is looked at from
@@ -20,6 +20,7 @@ mod rings;
 mod slices;
 #[cfg(test)]
 mod tests;
+mod warnings;
 
 use crate::error::{Error, Result};
 use crate::grid::{Cylinder, Voxel, with_voxel_type};
@@ -29,7 +30,7 @@ use axis::{Axis, OfSlice, Seen, Slice, of_one_body};
 use bodies::{Bodies, Other};
 use circle::{Circle, NoCircle};
 use doubts::Doubts;
-use extent::{Extent, Shown, Shows};
+use extent::{Extent, Shown};
 use image::{Hidden, Image, middle, split, upper};
 use rim::{AtRim, Rim};
 use rings::Rings;
@@ -40,6 +41,9 @@ use std::ops::Range;
 const SMALLEST: f64 = 8.0;
 /// Of the slices that show anything, those that have to show one body.
 const MOST: f64 = 0.3;
+
+/// The shares of the slices that are compared with far brighter ones: of a lattice, few slices show more than single struts.
+const SHARES: [f64; 2] = [0.5, 0.85];
 
 /// The share of the variance between two classes that noise alone has, 0.64, and no more.
 const ONE_LEVEL: f64 = 0.7;
@@ -72,7 +76,18 @@ pub fn find_cylinder(
     z: Range<u32>,
     progress: &dyn Progress,
 ) -> Result<FoundCylinder> {
-    with_voxel_type!(volume.header().dtype, T => find::<T>(volume, &z, progress))
+    let found = with_voxel_type!(volume.header().dtype, T => find::<T>(volume, &z, progress));
+    let Some(uneven) = warnings::of_uneven(volume.header().placement.spacing) else {
+        return found;
+    };
+    match found {
+        Ok(mut found) => {
+            found.warnings.push(uneven);
+            Ok(found)
+        }
+        Err(why @ Error::Usage { .. }) => Err(why.with_hint(uneven)),
+        Err(why) => Err(why),
+    }
 }
 
 fn find<T: Voxel>(
@@ -83,11 +98,24 @@ fn find<T: Voxel>(
     let seen = Seen::read::<T>(volume, z, progress)?;
     let seen = seen.ok_or_else(|| not_found("slices of one value"))?;
     let few = seen.few(z);
+    let seen = match &few {
+        Some(few) if seen.is_mostly_blank() => {
+            Seen::read::<T>(volume, few, progress)?.unwrap_or(seen)
+        }
+        _ => seen,
+    };
     let scan = Scan {
         volume,
         range: z,
         progress,
     };
+    for seen in SHARES.iter().filter_map(|share| seen.of_most(*share)) {
+        match scan.sample::<T>(seen) {
+            Ok(found) if found.seen.is_bright(&found.axis) => return scan.cylinder::<T>(&found),
+            Ok(_) | Err(Error::Usage { .. }) => {}
+            Err(why) => return Err(why),
+        }
+    }
     let found = match (scan.sample::<T>(seen), few) {
         // of few slices with the sample and many without it more are looked at
         (Err(why @ Error::Usage { .. }), Some(few)) => {
@@ -157,7 +185,7 @@ impl Scan<'_> {
             Err(why) => return Err(not_found(why)),
         };
         let around = hull.moved_to(&bodies.sample, z);
-        let outlines = seen.slices.iter().filter_map(|slice| {
+        let outlines = seen.alike().filter_map(|slice| {
             let circle = around.at(slice.z.into());
             let reach = bodies
                 .reach
@@ -206,10 +234,14 @@ impl Scan<'_> {
             .iter()
             .map(|o| self::cylinder(&o.circle, found.pixel));
         let mut others: Vec<Cylinder> = others.collect();
-        warnings.extend(found.bodies.not_round.map(warning_of_beside));
-        warnings.extend(warning_of_tilt(tilt, axis.moves(&shown.slices)));
-        warnings.extend(warning_of_taper(&axis, &shown.slices));
-        warnings.extend(warning_of_slices(&shown, self.range));
+        warnings.extend(found.bodies.not_round.map(warnings::of_beside));
+        let ends = found.seen.ends_at(&axis.middle(&clear));
+        warnings.extend(ends.then(|| warnings::of_view(&cylinder)));
+        warnings.extend(warnings::of_tilt(tilt, axis.moves(&shown.slices)));
+        warnings.extend(warnings::of_taper(&axis, &shown.slices));
+        warnings.extend(warnings::of_slices(&shown, self.range));
+        let blank = found.seen.blank_names(&shown.slices);
+        warnings.extend(blank.as_deref().map(warnings::of_blank));
         let doubts = Doubts {
             cylinder: shrunk(&axis.middle(&clear), less),
             to_rim: less,
@@ -267,7 +299,7 @@ impl Scan<'_> {
         let mut warnings: Vec<String> = air.iter().map(|air| air.warning(cylinder)).collect();
         warnings.extend(doubts.warning_of_odd());
         let [hollow, inner] = doubts.across(limit);
-        warnings.extend(hollow.map(warning_of_hollow));
+        warnings.extend(hollow.map(warnings::of_hollow));
         let known = found.bodies.others.iter();
         let inside = known.filter(|other| other.kind == bodies::Kind::Inside);
         let is_known = inside.count() > 0;
@@ -277,7 +309,7 @@ impl Scan<'_> {
                 centre: cylinder.centre,
                 radius: rounded(radius - f64::from(found.pixel)),
             });
-        warnings.extend(other.as_ref().map(warning_of_inside));
+        warnings.extend(other.as_ref().map(warnings::of_inside));
         More { warnings, other }
     }
 }
@@ -310,91 +342,6 @@ fn moved(of: &OfSlice, axis: &Axis, middle: f64) -> Moved {
         z: of.z,
         by: [0, 1].map(|a| here[a] - there[a]),
     }
-}
-
-/// That there is air in the middle of it, up to this radius.
-fn warning_of_hollow(radius: f64) -> String {
-    format!(
-        "around its axis the cylinder that was taken is empty, up to a radius of {radius} voxels, as an empty tube or a sample \
-         with a bore is: that air counts as a pore; --roi mask:FILE of what is to count leaves it out"
-    )
-}
-
-/// That something in it ends at a circle.
-fn warning_of_inside(inside: &Cylinder) -> String {
-    format!(
-        "there are two round things: inside of the one that was taken the brightness, or how much of it is pores, changes at a \
-         circle, as where a tube, a can, resin or a skin around a sample begins; give --roi {inside} for what is inside of it"
-    )
-}
-
-/// That there is something else beside the sample.
-fn warning_of_beside(at: [f64; 2]) -> String {
-    let [x, y] = at.map(f64::round);
-    format!(
-        "beside the round sample there is something of a size like it that is not round, about x {x}, y {y}: the cylinder \
-         leaves it out; if that is the sample, give --roi mask:FILE"
-    )
-}
-
-/// That the sample is not upright, by so many degrees and voxels, if it is not.
-fn warning_of_tilt(tilt: f64, moves: f64) -> Option<String> {
-    (tilt > 0.0).then(|| {
-        format!(
-            "the sample is tilted by {tilt:.1} degrees: the cylinder of --roi, which is upright, ends up to {moves:.1} voxels \
-             inside of its rim"
-        )
-    })
-}
-
-/// That the sample is wider at one end, if it is.
-fn warning_of_taper(axis: &Axis, shown: &Range<u32>) -> Option<String> {
-    let [first, last] = [shown.start, shown.end - 1].map(|z| (z, axis.at(z.into()).radius));
-    ((last.1 - first.1).abs() > 0.0).then(|| {
-        format!(
-            "the sample is tapered: its radius is {:.1} voxels in slice {} and {:.1} in slice {}; the cylinder of --roi, which \
-             is the same in all slices, ends inside of the narrow end",
-            first.1, first.0, last.1, last.0
-        )
-    })
-}
-
-/// That not all slices show the sample, if they do not.
-fn warning_of_slices(shown: &Shown, all: &Range<u32>) -> Option<String> {
-    let Range { start, end } = shown.slices;
-    let what = |slices: Range<u32>, shows: &[Shows]| {
-        let range = match slices.len() {
-            0 => return None,
-            1 => format!("slice {} shows", slices.start),
-            _ => format!("slices {} to {} show", slices.start, slices.end - 1),
-        };
-        let kinds = [Shows::Wider, Shows::Narrower, Shows::Elsewhere, Shows::Air];
-        let kinds = kinds.iter().filter(|kind| shows.contains(kind));
-        let kinds = kinds.map(|kind| match kind {
-            Shows::Wider => "something wider, as a holder",
-            Shows::Narrower => "something narrower",
-            Shows::Elsewhere => "air there and something else beside it or around it",
-            Shows::Air | Shows::Sample => "air",
-        });
-        let kinds: Vec<&str> = kinds.collect();
-        Some(format!("{range} {}", kinds.join(" or ")))
-    };
-    let before = what(all.start..start, &shown.before);
-    let after = what(end..all.end, &shown.after);
-    let others: Vec<String> = before.into_iter().chain(after).collect();
-    let only = match end - start {
-        1 => format!("slice {start}"),
-        _ => format!("slices {start} to {}", end - 1),
-    };
-    (!others.is_empty()).then(|| {
-        format!(
-            "only {only} of {} to {} show the round sample: {}; the cylinder of --roi goes through all of them: \
-             --crop :,:,{start}:{end} leaves out what is not the sample",
-            all.start,
-            all.end - 1,
-            others.join(", ")
-        )
-    })
 }
 
 fn not_found(found: impl Into<String>) -> Error {
@@ -483,7 +430,7 @@ impl Other {
             bodies::Kind::Beside => format!(
                 "there are two round things: the larger one was taken; give --roi {cylinder} for the other"
             ),
-            bodies::Kind::Inside => warning_of_inside(&cylinder),
+            bodies::Kind::Inside => warnings::of_inside(&cylinder),
         }
     }
 }

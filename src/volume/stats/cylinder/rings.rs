@@ -69,7 +69,7 @@ pub(super) struct Rings {
     pub width: f64,
     /// All rings.
     pub all: usize,
-    /// Those slices.
+    /// Those slices, without any of one value.
     pub slices: Vec<u32>,
     /// By slice, sector and ring.
     sums: Vec<Sums>,
@@ -96,11 +96,11 @@ impl Rings {
         let mut rings = Rings {
             width,
             all: ((radius + beyond) / width).ceil() as usize,
-            slices: (0..n).map(|i| range.start + place(i) as u32).collect(),
+            slices: Vec::new(),
             sums: Vec::new(),
         };
         progress.begin("rim", n.into());
-        for z in rings.slices.clone() {
+        for z in (0..n).map(|i| range.start + place(i) as u32) {
             let start = rings.sums.len();
             rings
                 .sums
@@ -112,7 +112,10 @@ impl Rings {
                 width,
                 sums: &mut rings.sums[start..],
             };
-            of_slice.read::<T>(volume, z, progress)?;
+            match of_slice.read::<T>(volume, z, progress)? {
+                true => rings.slices.push(z),
+                false => rings.sums.truncate(start),
+            }
             progress.advance(1);
         }
         Ok(rings)
@@ -155,10 +158,15 @@ struct Slice<'a> {
 }
 
 impl Slice<'_> {
-    fn read<T: Voxel>(self, volume: &dyn Volume, z: u32, progress: &dyn Progress) -> Result<()> {
+    /// False if all samples of the slice are of one value, or none is a number.
+    fn read<T: Voxel>(self, volume: &dyn Volume, z: u32, progress: &dyn Progress) -> Result<bool> {
         let rings = self.sums.len() / SECTORS;
         let reach = rings as f64 * self.width + self.wider;
+        let mut first = None;
+        let mut differ = false;
         for_each_row::<T>(volume, z, progress, |y, row| {
+            let numbers = row.iter().filter(|v| v.to_f64().is_finite());
+            numbers.for_each(|v| differ |= v != first.get_or_insert(*v));
             let dy = f64::from(y) - self.middle[1];
             if !y.is_multiple_of(self.width as u32) || dy.abs() >= reach {
                 return;
@@ -187,6 +195,7 @@ impl Slice<'_> {
                     });
                 }
             }
-        })
+        })?;
+        Ok(differ)
     }
 }

@@ -125,6 +125,15 @@ impl Picture {
     }
 }
 
+impl Picture {
+    /// True if all pixels are of one value, or none shows anything.
+    pub fn is_blank(&self) -> bool {
+        let first = self.pixels[0];
+        let is_first = |v: &f32| *v == first || v.is_nan() && first.is_nan();
+        self.pixels.iter().all(is_first)
+    }
+}
+
 /// Which slices of a range are looked at: evenly spread ones.
 pub(super) fn spread(range: &Range<u32>) -> Vec<u32> {
     let n = SLICES.min(range.len() as u32);

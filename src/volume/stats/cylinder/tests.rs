@@ -1,6 +1,8 @@
 //! Scans that are simulated, with what makes it hard to find the sample in them.
 
 mod foams;
+mod sparse;
+mod uneven;
 
 use super::*;
 use crate::grid::{Dims, Placement};

@@ -6,16 +6,16 @@ use crate::grid::{Dims, Placement};
 use crate::progress::Quiet;
 use crate::volume::MemoryVolume;
 
-const NX: usize = 100;
-const NY: usize = 96;
+pub(super) const NX: usize = 100;
+pub(super) const NY: usize = 96;
 /// x, y and radius of the sample.
-const SAMPLE: [f64; 3] = [49.3, 46.8, 36.0];
+pub(super) const SAMPLE: [f64; 3] = [49.3, 46.8, 36.0];
 
 /// Numbers from 0 to 1 (D. Knuth, The Art of Computer Programming 2, 3.3.4).
-struct Random(u64);
+pub(super) struct Random(pub u64);
 
 impl Random {
-    fn next(&mut self) -> f64 {
+    pub(super) fn next(&mut self) -> f64 {
         self.0 = self.0.wrapping_mul(6_364_136_223_846_793_005);
         self.0 = self.0.wrapping_add(1_442_695_040_888_963_407);
         (self.0 >> 11) as f64 / (1u64 << 53) as f64
@@ -23,7 +23,7 @@ impl Random {
 }
 
 /// How much of each voxel is solid, 0 to 1.
-struct Solid {
+pub(super) struct Solid {
     slices: usize,
     share: Vec<f32>,
 }
@@ -61,12 +61,17 @@ impl Solid {
         Solid { slices, share }
     }
 
-    fn any_pore(seed: u64, slices: usize) -> Self {
+    pub(super) fn any_pore(seed: u64, slices: usize) -> Self {
         Solid::foam(seed, slices, |_, _| true)
     }
 
+    /// Voxels that are solid.
+    pub(super) fn sum(&self) -> f64 {
+        self.share.iter().map(|v| f64::from(*v)).sum()
+    }
+
     /// What is left of it, of a share at a place, and what is there besides.
-    fn with(&self, of: impl Fn([f64; 3], f64) -> f64) -> Self {
+    pub(super) fn with(&self, of: impl Fn([f64; 3], f64) -> f64) -> Self {
         let place = |i: usize| [i % NX, i / NX % NY, i / NX / NY].map(|v| v as f64);
         let share = self.share.iter().enumerate();
         let share = share.map(|(i, v)| of(place(i), f64::from(*v)).clamp(0.0, 1.0) as f32);
@@ -77,7 +82,7 @@ impl Solid {
     }
 
     /// Only what is in a disc in each slice.
-    fn inside(&self, disc: impl Fn(f64) -> [f64; 3]) -> Self {
+    pub(super) fn inside(&self, disc: impl Fn(f64) -> [f64; 3]) -> Self {
         self.with(|[x, y, z], v| v * within([x, y], disc(z)))
     }
 
@@ -98,7 +103,7 @@ impl Solid {
     }
 
     /// The scan of it, with noise.
-    fn scan(&self) -> MemoryVolume<u16> {
+    pub(super) fn scan(&self) -> MemoryVolume<u16> {
         let mut random = Random(99);
         let sample = |v: &f32| 1000.0 + 4000.0 * f64::from(*v) + 800.0 * random.next();
         let samples = self.share.iter().map(sample).map(|v| v as u16).collect();
@@ -108,12 +113,12 @@ impl Solid {
 }
 
 /// The share of a voxel in a disc.
-fn within([x, y]: [f64; 2], [cx, cy, r]: [f64; 3]) -> f64 {
+pub(super) fn within([x, y]: [f64; 2], [cx, cy, r]: [f64; 3]) -> f64 {
     (r + 0.5 - libm::hypot(x - cx, y - cy)).clamp(0.0, 1.0)
 }
 
 /// The cylinder ends about a voxel, and so much more, inside of the sample.
-fn assert_inside(found: &FoundCylinder, [cx, cy, r]: [f64; 3], more: f64) {
+pub(super) fn assert_inside(found: &FoundCylinder, [cx, cy, r]: [f64; 3], more: f64) {
     let [x, y] = found.cylinder.centre;
     let aside = libm::hypot(x - cx, y - cy);
     let less = r - found.cylinder.radius - more;
