@@ -129,6 +129,7 @@ fn completed(mut options: OpenOptions, manifest: &Manifest, input: &Input) -> Op
             dtype: source.dtype,
             endian: source.endian,
             offset: source.offset,
+            supposed: false,
         });
         if same_name {
             options = options.of_headerless();

@@ -153,6 +153,7 @@ fn options(path: &Path, dims: Dims) -> OpenOptions {
             dtype,
             endian: Endian::Little,
             offset: 0,
+            supposed: true,
         }),
         ..OpenOptions::default()
     }

@@ -334,6 +334,7 @@ fn read_mask(
             dtype: Dtype::U8,
             endian: Endian::Little,
             offset: 0,
+            supposed: true,
         }),
         ..OpenOptions::default()
     };

@@ -5,8 +5,8 @@ use crate::grid::{Frame, Origin, Placement, Unit};
 use crate::volume::Opened;
 use std::path::Path;
 
-/// An error of a file of several arrays, given by an option, with what helps there: options such as `--dataset` choose one
-/// of the scan only.
+/// An error of a file that an option gives, with what helps there: options such as `--dataset` and `--dims` are of the scan
+/// only.
 pub fn parts_of_other(error: Error, option: &str, what: &str, path: &Path) -> Error {
     const OF_SCAN: [&str; 6] = [
         "--dataset",
@@ -31,6 +31,12 @@ pub fn parts_of_other(error: Error, option: &str, what: &str, path: &Path) -> Er
                 "{part} is for the scan: write {what} to a file of its own, as .npy or .nrrd"
             );
             Error::usage(option, found, expected).with_hint(hint)
+        }
+        // advice on raw samples, whose size and type cannot be given here
+        Error::Format { ref hint, .. } | Error::Unsupported { ref hint, .. }
+            if hint.contains("--dims") || hint.contains("--offset") =>
+        {
+            error.with_hint(format!("write {what} to another file, as .npy or .nrrd"))
         }
         error => error,
     }

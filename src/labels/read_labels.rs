@@ -1,7 +1,7 @@
 //! A volume of labels, read once: the cell of each voxel.
 
 use crate::error::{Error, Result};
-use crate::grid::Dims;
+use crate::grid::{Dims, Dtype};
 use crate::labels::cell_rows::{CellPiece, CellRows, CellRowsWriter};
 use crate::progress::Progress;
 use crate::volume::{Volume, Voxel, with_voxel_type};
@@ -86,7 +86,11 @@ fn check(labels: &dyn Volume, dims: Dims) -> Result<()> {
     if header.dtype.is_float() {
         return Err(Error::usage(
             "--labels",
-            format!("samples of type {}", header.dtype),
+            match header.dtype {
+                // in HDF5 and Zarr
+                Dtype::F64 => "samples of type f64, or integers of 64 bits".to_owned(),
+                other => format!("samples of type {other}"),
+            },
             "whole numbers: u8, u16, u32, i8, i16 or i32",
         )
         .with_hint("in Python labels.astype('uint32'), if they are below 2^32"));

@@ -302,8 +302,9 @@ fn recognise(path: &Path, head: &[u8], options: &OpenOptions) -> Result<VolumeDe
         .filter(|format| format.begins.is_some() || !by_options)
         .filter_map(|format| Some((format, format.parse?)));
     let Some((_, parse)) = tried.find(|(format, _)| format.is_file(path, head)) else {
+        let told = options.headerless.is_some_and(|raw| !raw.supposed);
+        refuse_known(path, head, by_options || told)?;
         let options = options.of_headerless();
-        refuse_known(path, head, &options)?;
         return raw(path, head, &options);
     };
     let input = Input {
@@ -366,17 +367,17 @@ fn complete(path: &Path, descriptor: &mut VolumeDescriptor, options: &OpenOption
 }
 
 /// Refuses what is certainly not a headerless file: a header's file name on something else, and,
-/// where no size is given, the formats of other programs.
-fn refuse_known(path: &Path, head: &[u8], options: &OpenOptions) -> Result<()> {
+/// where nobody has told its size and type, the formats of other programs.
+fn refuse_known(path: &Path, head: &[u8], told: bool) -> Result<()> {
     let named = FORMATS.iter().filter(|format| format.has_name(path));
     if let Some(expected) = named.filter_map(|format| format.begins).next() {
         let begin = head[..head.len().min(16)].escape_ascii();
         let found = format!("a file that begins with \"{begin}\"");
         return Err(Error::format(path, found, expected));
     }
-    match options.dims.is_none() || options.dtype.is_none() {
-        true => foreign::refuse(path, head, FORMATS),
-        false => Ok(()),
+    match told {
+        true => Ok(()),
+        false => foreign::refuse(path, head, FORMATS),
     }
 }
 

@@ -28,6 +28,8 @@ pub struct Headerless {
     pub endian: Endian,
     /// Bytes before the first sample; 0 if the samples are all there is.
     pub offset: u64,
+    /// True if nobody has said that it has no header: then it is none of those that are known.
+    pub supposed: bool,
 }
 
 impl OpenOptions {

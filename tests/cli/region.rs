@@ -316,6 +316,27 @@ fn bad_regions_get_one_message() {
             "{message}"
         );
     }
+    // what is known not to be raw is not taken for it
+    let vtk =
+        "# vtk DataFile Version 3.0\nit\nBINARY\nDATASET STRUCTURED_POINTS\nDIMENSIONS 40 40 12\n";
+    std::fs::write(dir.join("old.vtk"), vtk).unwrap();
+    std::fs::write(dir.join("text.tif"), "a text").unwrap();
+    for (option, file, part) in [
+        ("--roi mask:", "old.vtk", "VTK"),
+        ("--labels ", "old.vtk", "VTK"),
+        ("--labels ", "text.tif", "a TIFF"),
+    ] {
+        let line = format!("convert {INPUT} parts --threshold 110 {option}{file}");
+        let message = fails(dir, &words(&line));
+        assert!(
+            message.contains(part) && message.contains(".npy or .nrrd"),
+            "{message}"
+        );
+        assert!(
+            !message.contains("--dims") && !message.contains("--offset"),
+            "{message}"
+        );
+    }
     let inner = convert.replace(" out ", " out/inner ");
     let message = fails(dir, &words(&inner));
     assert!(
