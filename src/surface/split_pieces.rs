@@ -10,11 +10,13 @@ use crate::strip::{NONE, STRIDE, Triangle};
 use crate::surface::assign_pieces::{Piece, VertexAssignment};
 use crate::surface::edges::Edges;
 use crate::surface::mesher::{BandView, CellsView, Sizes, TileBox, TileMesh};
+use foldhash::fast::RandomState;
+use std::collections::HashMap;
 use std::ops::Range;
 
 /// Bytes of buffers for each crossed edge of a tile whose pieces may be split: what is known of its vertex, and for its two
-/// triangles the cell, the place in the order of cells and the new place.
-pub const BYTES_PER_SPLIT_VERTEX: u64 = 120;
+/// triangles the cell, its number, the place in the order of cells and the new place.
+pub const BYTES_PER_SPLIT_VERTEX: u64 = 128;
 
 /// Splits pieces; its buffers are used again from tile to tile. What they take follows vertices, triangles and parts.
 #[derive(Debug, Default)]
@@ -25,6 +27,8 @@ pub struct PieceSplitter {
     cell_of: Vec<u64>,
     /// Numbers of the triangles of each piece, from 0, by their cells.
     by_cell: Vec<u32>,
+    /// The different cells of a piece.
+    cells: CellList,
     /// Of each vertex of a piece, its number in the part that is made, or that part.
     vertex_of: Vec<u32>,
     /// Where the triangles of a piece go: the part, and the number in it. The first one is that of none.
@@ -34,6 +38,61 @@ pub struct PieceSplitter {
     vectors: [Vec<[f32; 3]>; 2],
     triangles: Vec<Triangle>,
     pieces: Vec<Piece>,
+}
+
+/// Says of a vertex that a part has it, and not yet its number there.
+const SEEN: u32 = 1 << 31;
+
+/// The different cells of the triangles of a piece, in any order.
+#[derive(Debug, Default)]
+struct CellList {
+    /// Which of them each triangle has.
+    which: Vec<u32>,
+    number_of: HashMap<u64, u32, RandomState>,
+    /// Each with how many triangles it has, later with where its next one goes.
+    counts: Vec<(u64, u32)>,
+}
+
+impl CellList {
+    /// Writes the numbers of triangles, from 0, by rising cells, and by themselves within each: by counting, since there are
+    /// few cells.
+    fn sort(&mut self, cell_of: &[u64], order: &mut [u32]) {
+        self.which.clear();
+        self.number_of.clear();
+        self.counts.clear();
+        let mut last = None;
+        for &cell in cell_of {
+            let number = match last {
+                Some((of, number)) if of == cell => number,
+                _ => self.number(cell),
+            };
+            last = Some((cell, number));
+            self.counts[number as usize].1 += 1;
+            self.which.push(number);
+        }
+        let mut rising: Vec<u32> = (0..self.counts.len() as u32).collect();
+        rising.sort_unstable_by_key(|&number| self.counts[number as usize].0);
+        let mut start = 0;
+        for number in rising {
+            let count = &mut self.counts[number as usize].1;
+            start += std::mem::replace(count, start);
+        }
+        for (t, &number) in (0..).zip(&self.which) {
+            let place = &mut self.counts[number as usize].1;
+            order[*place as usize] = t;
+            *place += 1;
+        }
+    }
+
+    /// The number of a cell, which may be new.
+    fn number(&mut self, cell: u64) -> u32 {
+        let next = self.counts.len() as u32;
+        let number = *self.number_of.entry(cell).or_insert(next);
+        if number == next {
+            self.counts.push((cell, 0));
+        }
+        number
+    }
 }
 
 /// What is known of a vertex by the lattice edge that it lies on.
@@ -126,9 +185,9 @@ impl PieceSplitter {
             let first = self.cell_of.len();
             self.cell_of
                 .extend(faces.iter().map(|face| cell(face, ends)));
-            self.by_cell.extend(0..piece.triangles);
+            self.by_cell.resize(self.cell_of.len(), 0);
             let (cell_of, by_cell) = (&self.cell_of[first..], &mut self.by_cell[first..]);
-            by_cell.sort_unstable_by_key(|&t| (cell_of[t as usize], t));
+            self.cells.sort(cell_of, by_cell);
             self.vertex_of.clear();
             self.vertex_of.resize(piece.vertices as usize, u32::MAX);
             for (number, part) in (0..).zip(parts(by_cell, cell_of)) {
@@ -204,7 +263,7 @@ impl PieceSplitter {
         let counted_with = counted_with(faces, cells, positions);
         for (number, part) in (0..).zip(parts(of_piece, cells)) {
             let cell = cells[part[0] as usize];
-            let mut new = self.new_piece(piece, cell, part, from);
+            let mut new = self.new_piece(piece, (number, cell), part, from);
             let counted = self.corners.iter().filter(|&&v| {
                 counted_with[v as usize] == Some(cell) && !self.ends[first + v as usize].shared
             });
@@ -233,8 +292,14 @@ impl PieceSplitter {
         }
     }
 
-    /// A part of a piece without its sums; its vertices are added, and numbered.
-    fn new_piece(&mut self, piece: &Piece, cell: u64, part: &[u32], from: &TileMesh) -> Piece {
+    /// The part `number` of a piece, of a cell, without its sums; its vertices are added, and numbered.
+    fn new_piece(
+        &mut self,
+        piece: &Piece,
+        (number, cell): (u32, u64),
+        part: &[u32],
+        from: &TileMesh,
+    ) -> Piece {
         let faces = &from.triangles[piece.faces()][1..];
         let coordinates = from.chunk.numbers();
         let normals = 3 * from.chunk.vertices();
@@ -244,13 +309,17 @@ impl PieceSplitter {
         new.first_triangle = self.triangles.len() as u32;
         new.triangles = part.len() as u32;
         self.corners.clear();
-        let corners = part.iter().flat_map(|&t| faces[t as usize].corners());
-        self.corners.extend(corners);
+        // a vertex has about six triangles: each once before they are sorted
+        for corner in part.iter().flat_map(|&t| faces[t as usize].corners()) {
+            let last = std::mem::replace(&mut self.vertex_of[corner as usize], SEEN | number);
+            if last != SEEN | number {
+                self.corners.push(corner);
+            }
+        }
         self.corners.sort_unstable();
-        self.corners.dedup();
         new.vertices = self.corners.len() as u32;
-        for (number, &v) in (0..).zip(&self.corners) {
-            self.vertex_of[v as usize] = number;
+        for (place, &v) in (0..).zip(&self.corners) {
+            self.vertex_of[v as usize] = place;
             let at = (piece.first_vertex + v) as usize;
             new.key = new.key.min(self.ends[at].key);
             for (vectors, start) in self.vectors.iter_mut().zip([0, normals]) {
@@ -320,4 +389,31 @@ fn on_border(triangle: &Triangle, positions: &[[f32; 3]], tile: &TileBox) -> u64
     };
     let edges = (0..3).filter(|&edge| triangle.mates[edge] == NONE && outer(edge));
     edges.count() as u64
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn triangles_are_sorted_as_by_comparing() {
+        let mut seed = 7u64;
+        let mut random = || {
+            seed = seed.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1);
+            seed >> 33
+        };
+        let mut list = CellList::default();
+        for count in 0..200usize {
+            let cells = 1 + random() % 9;
+            let step = [1, u64::MAX / 9][count % 2];
+            let cell_of: Vec<u64> = (0..count)
+                .map(|_| u64::MAX - step * (random() % cells))
+                .collect();
+            let mut found = vec![0; count];
+            list.sort(&cell_of, &mut found);
+            let mut expected: Vec<u32> = (0..count as u32).collect();
+            expected.sort_by_key(|&t| cell_of[t as usize]);
+            assert_eq!(found, expected);
+        }
+    }
 }
