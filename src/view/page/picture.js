@@ -11,7 +11,8 @@ const NO_PLANE = [0, 0, 0, 1];
 export class Picture {
   /** Throws if the browser has no WebGL2. `set` has to be there before anything is drawn. */
   constructor(canvas) {
-    const gl = canvas.getContext("webgl2", { antialias: false, depth: false, alpha: false, powerPreference: "high-performance" });
+    // all that is drawn is opaque; without alpha, Chromium at times shows nothing more once the size changes early
+    const gl = canvas.getContext("webgl2", { antialias: false, depth: false, alpha: true, powerPreference: "high-performance" });
     if (!gl) throw new Error("no WebGL2");
     Object.assign(this, { canvas, gl, set: null, size: [canvas.width, canvas.height] });
     this.counts = { draws: 0, triangles: 0 };
