@@ -11,10 +11,9 @@ const NO_PLANE = [0, 0, 0, 1];
 export class Picture {
   /** Throws if the browser has no WebGL2. `set` has to be there before anything is drawn. */
   constructor(canvas) {
-    // all that is drawn is opaque; without alpha, Chromium at times shows nothing more once the size changes early
-    const gl = canvas.getContext("webgl2", { antialias: false, depth: false, alpha: true, powerPreference: "high-performance" });
+    const gl = canvas.getContext("webgl2", { antialias: false, depth: false, alpha: false, powerPreference: "high-performance" });
     if (!gl) throw new Error("no WebGL2");
-    Object.assign(this, { canvas, gl, set: null, size: [canvas.width, canvas.height] });
+    Object.assign(this, { canvas, gl, set: null });
     this.counts = { draws: 0, triangles: 0 };
     this.build();
   }
@@ -32,7 +31,11 @@ export class Picture {
     this.sliceTexture = null;
   }
 
-  /** Makes the targets as large as the picture is to be, `size`. True if they are new and empty. */
+  get size() {
+    return [this.canvas.width, this.canvas.height];
+  }
+
+  /** Makes the targets as large as the canvas. True if they are new and empty. */
   fit() {
     const [width, height] = this.size;
     if (this.targets && this.targets.width === width && this.targets.height === height) return false;
@@ -119,8 +122,6 @@ export class Picture {
   /** Lights the picture and brings it to the canvas, or to another frame. `style` has colours of 0 to 1. */
   show(style, { lines = [], slice = null, filled = [] } = {}, targets = this.targets, onto = null) {
     const { gl, view } = this;
-    // a canvas of another size is black until something is drawn: so it gets that only now
-    if (!onto) enlarge(this.canvas, [targets.width, targets.height]);
     gl.bindVertexArray(this.screen);
     gl.viewport(0, 0, targets.width, targets.height);
     this.light(style, targets);
@@ -295,12 +296,6 @@ export class Picture {
     }
     return found;
   }
-}
-
-/** Gives a canvas a size in pixels; what is on it stays if it has that already. */
-export function enlarge(canvas, [width, height]) {
-  if (canvas.width !== width) canvas.width = width;
-  if (canvas.height !== height) canvas.height = height;
 }
 
 // Programs by name: some are begun at once, others when they are needed first.
