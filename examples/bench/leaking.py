@@ -10,10 +10,11 @@ surface as tiles; `--walls` is a run of its own. In an environment with numpy, s
 
 import argparse
 import json
-import os
 import subprocess
 import sys
 from pathlib import Path
+
+from measured import run
 
 SCRIPT = """
 import sys
@@ -42,20 +43,6 @@ print(int((sizes > 0).sum()), int((sizes > 30).sum()))
 """
 
 
-def run(command: list[str], threads: int) -> tuple[str, float, float, float]:
-    """What it printed, wall and processor seconds, and MiB at most, of a process of its own."""
-    names = ("OMP_NUM_THREADS", "NUMBA_NUM_THREADS", "OPENBLAS_NUM_THREADS")
-    environment = os.environ | dict.fromkeys(names, str(threads))
-    before = os.times()
-    process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True, env=environment)
-    printed = process.stdout.read()
-    _, status, usage = os.wait4(process.pid, 0)
-    if status:
-        raise SystemExit(f"failed: {command}")
-    wall = os.times().elapsed - before.elapsed
-    return printed, wall, usage.ru_utime + usage.ru_stime, usage.ru_maxrss / 1024
-
-
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("alvis")
@@ -73,6 +60,8 @@ def main() -> None:
     convert = [args.alvis, "convert", str(scan), tiles, *raw, "--threshold", threshold, "--threads", str(args.threads)]
     convert += ["--force", "--json", "-q"]
     print("| | cells | of more than 30 voxels | wall | processor | memory | processor, memory by `--split` |\n|---|---|---|---|---|---|---|")
+    names = ("OMP_NUM_THREADS", "NUMBA_NUM_THREADS", "OPENBLAS_NUM_THREADS")
+    threads = dict.fromkeys(names, str(args.threads))
     own = None
 
     def row(name: str, cells: int, large: int, wall: float, cpu: float, memory: float) -> None:
@@ -80,7 +69,7 @@ def main() -> None:
         print(f"| {name} | {cells:,} | {large:,} | {wall:.2f} s | {cpu:.2f} s | {memory:,.0f} MiB | {by} |", flush=True)
 
     for name, more in [("--split", ["--split"]), ("--split --walls", ["--split", "--walls"]), ("threshold alone", [])]:
-        made, *cost = run(convert + more, args.threads)
+        made, *cost = run(convert + more, threads)
         table = [args.alvis, "cells", tiles, "--format", "csv", "--columns", "voxels"]
         found = subprocess.run(table, capture_output=True, text=True, check=True)
         sizes = [int(line) for line in found.stdout.splitlines()[1:]]
@@ -88,7 +77,7 @@ def main() -> None:
         own = own or cost[1:]
         row(f"alvis convert, {name}", len(sizes), sum(s > 30 for s in sizes), *cost)
     for name in ("scikit-image", "porespy.filters.snow_partitioning", "porespy.networks.snow2"):
-        printed, *cost = run([sys.executable, "-c", SCRIPT, str(scan), str(n), name, threshold], args.threads)
+        printed, *cost = run([sys.executable, "-c", SCRIPT, str(scan), str(n), name, threshold], threads)
         cells, large = printed.split()[-2:]
         row(name, int(cells), int(large), *cost)
 

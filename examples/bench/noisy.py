@@ -10,11 +10,11 @@ scipy, scikit-image and porespy.
 
 import argparse
 import json
-import os
-import resource
 import subprocess
 import sys
 from pathlib import Path
+
+from measured import run
 
 SCRIPT = """
 import sys
@@ -37,18 +37,6 @@ else:
     sizes = table["area"]
 print(len(sizes), int((sizes > 30).sum()), air.mean())
 """
-
-
-def run(command: list[str]) -> tuple[str, float, float, float]:
-    """What it printed, wall and processor seconds, and MiB at most, of a process of its own."""
-    before = os.times()
-    process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
-    printed = process.stdout.read()
-    _, status, usage = os.wait4(process.pid, 0)
-    if status:
-        raise SystemExit(f"failed: {command}")
-    wall = os.times().elapsed - before.elapsed
-    return printed, wall, usage.ru_utime + usage.ru_stime, usage.ru_maxrss / 1024
 
 
 def main() -> None:

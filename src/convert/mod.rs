@@ -13,6 +13,7 @@ mod label;
 mod layers;
 mod memory;
 mod mesh;
+mod one_by_one;
 mod options;
 pub mod parts;
 mod plan;

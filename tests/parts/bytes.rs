@@ -99,6 +99,19 @@ pub fn helix(dims: [u32; 3]) -> Vec<u8> {
     })
 }
 
+/// Bodies that wind through all parts or leave such a hollow, nothing, and everything, of a size, with their names.
+pub fn shapes(dims: [u32; 3]) -> [(Vec<u8>, &'static str); 4] {
+    let winding = helix(dims);
+    let hollow = winding.iter().map(|value| 255 - value).collect();
+    let all = |value: u8| vec![value; dims.iter().product::<u32>() as usize];
+    [
+        (winding, "helix"),
+        (hollow, "hollow helix"),
+        (all(0), "empty"),
+        (all(255), "full"),
+    ]
+}
+
 #[test]
 fn parts_of_a_helix_of_nothing_and_of_everything_are_the_single_run() {
     let dims = [24, 24, 40];

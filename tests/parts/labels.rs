@@ -1,6 +1,6 @@
 //! Cells that labels give: whole trees of files, of many volumes. Parts read the labels of their own slices.
 
-use super::bytes::{cropped_cylinders, helix, sparse};
+use super::bytes::{cropped_cylinders, shapes, sparse};
 use super::{in_parts, plan};
 use crate::common::volumes::{Random, foam, late_joins, placed, samples, volume};
 use crate::common::{assert_same_files, converted, files, options};
@@ -125,14 +125,7 @@ fn parts_of_labelled_noise_are_the_single_run() {
 #[test]
 fn parts_of_labelled_shapes_are_the_single_run() {
     let dims = [24, 24, 40];
-    let winding = helix(dims);
-    let hollow: Vec<u8> = winding.iter().map(|value| 255 - value).collect();
-    for (values, what) in [
-        (winding, "helix"),
-        (hollow, "hollow helix"),
-        (vec![0; 24 * 24 * 40], "empty"),
-        (vec![255; 24 * 24 * 40], "full"),
-    ] {
+    for (values, what) in shapes(dims) {
         let labels = blocks(dims, 9, 5);
         same_in_parts(&volume(dims, values), labels, &options([8, 8, 8]), what);
     }

@@ -1,6 +1,6 @@
 //! Cells that are split at their necks: whole trees of files, of many volumes.
 
-use super::bytes::{cropped_cylinders, helix, same_in_parts, same_in_parts_of, sparse};
+use super::bytes::{cropped_cylinders, same_in_parts, same_in_parts_of, shapes, sparse};
 use super::{in_parts, layers};
 use crate::common::volumes::{Random, foam, late_joins, noise, placed, samples, volume};
 use crate::common::{assert_same_files, converted, data, files, options};
@@ -86,14 +86,7 @@ fn parts_of_split_noise_are_the_single_run() {
 #[test]
 fn parts_of_split_shapes_are_the_single_run() {
     let dims = [24, 24, 40];
-    let winding = helix(dims);
-    let hollow: Vec<u8> = winding.iter().map(|value| 255 - value).collect();
-    for (values, what) in [
-        (winding, "helix"),
-        (hollow, "hollow helix"),
-        (vec![0; 24 * 24 * 40], "empty"),
-        (vec![255; 24 * 24 * 40], "full"),
-    ] {
+    for (values, what) in shapes(dims) {
         same_in_parts(&volume(dims, values), &split([8, 8, 8]), what);
         // odd ones, and parts of a slice or two
     }

@@ -1,6 +1,7 @@
 //! Which band is labelled next: bands in any order, and slabs joined one after the other.
 
 use crate::convert::band_order::BandOrder;
+use crate::convert::one_by_one::OneByOne;
 use crate::convert::shared_queue::{Next, Queue};
 use crate::error::{Error, Result};
 use std::collections::BTreeMap;
@@ -39,9 +40,7 @@ pub struct LabelQueue<B, S> {
     /// Memory for others.
     spare: Vec<B>,
     /// There was no memory for several bands at once.
-    one_by_one: bool,
-    /// What others have had in hand since before that.
-    company: u32,
+    one_by_one: OneByOne,
 }
 
 impl<B, S> LabelQueue<B, S> {
@@ -57,8 +56,7 @@ impl<B, S> LabelQueue<B, S> {
             joining: false,
             labelling: 0,
             spare: Vec::new(),
-            one_by_one: false,
-            company: 0,
+            one_by_one: OneByOne::default(),
         }
     }
 
@@ -74,7 +72,11 @@ impl<B, S> LabelQueue<B, S> {
             return Some(number);
         }
         let order = &self.order;
-        let ahead = if self.one_by_one { 0 } else { self.ahead };
+        let ahead = if self.one_by_one.is_on() {
+            0
+        } else {
+            self.ahead
+        };
         let end = match order.last {
             Some(last) => order.first_of(last + 1),
             None => order.first_of(order.layer + 1) + u64::from(ahead),
@@ -89,11 +91,11 @@ impl<B, S> LabelQueue<B, S> {
     /// A band is labelled, or there was no memory for it or another failure.
     pub fn labelled(&mut self, place: [u32; 2], sealed: Result<S>, memory: B) {
         self.labelling -= 1;
-        let alone = self.was_alone();
+        let alone = self.one_by_one.ended_alone();
         match sealed {
             Ok(sealed) => {
                 self.sealed.insert(self.order.number(place), sealed);
-                if !self.one_by_one {
+                if !self.one_by_one.is_on() {
                     self.spare.push(memory);
                 }
             }
@@ -109,7 +111,7 @@ impl<B, S> LabelQueue<B, S> {
     /// The bands of the next layer are joined, or that has failed; for want of memory if they come back.
     pub fn joined(&mut self, joined: std::result::Result<(), Box<(Error, Vec<S>)>>) {
         self.joining = false;
-        let alone = self.was_alone();
+        let alone = self.one_by_one.ended_alone();
         match joined {
             Ok(()) => self.order.layer += 1,
             Err(failed) => {
@@ -122,21 +124,12 @@ impl<B, S> LabelQueue<B, S> {
         }
     }
 
-    /// True if what has ended began when all else had.
-    fn was_alone(&mut self) -> bool {
-        let alone = self.one_by_one && self.company == 0;
-        self.company = self.company.saturating_sub(1);
-        alone
-    }
-
     /// Goes on with less memory, if `error` says that there is not enough, and less is possible.
     fn takes_less(&mut self, error: Error, alone: bool) -> bool {
         let can = matches!(error, Error::TooDense { .. }) && (!alone || !self.spare.is_empty());
         self.spare.clear();
-        if !self.one_by_one {
-            self.company = self.labelling + u32::from(self.joining);
-            self.one_by_one = true;
-        }
+        self.one_by_one
+            .begin(self.labelling + u32::from(self.joining));
         if !can {
             self.fail(error);
         }
@@ -160,7 +153,7 @@ impl<B, S> Queue for LabelQueue<B, S> {
             return Next::Finished;
         }
         let alone = self.labelling == 0 && !self.joining;
-        if self.one_by_one && !alone {
+        if self.one_by_one.is_on() && !alone {
             return Next::Wait;
         }
         if !self.joining && self.is_sealed() {
@@ -188,14 +181,7 @@ impl<B, S> Queue for LabelQueue<B, S> {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    fn too_dense() -> Error {
-        Error::TooDense {
-            limit: 1,
-            needed: 2,
-            uses: Vec::new(),
-        }
-    }
+    use crate::convert::one_by_one::too_dense;
 
     fn label(queue: &mut LabelQueue<(), u32>) -> [u32; 2] {
         match queue.next(false) {

@@ -56,13 +56,6 @@ pub struct Meshing<'a> {
     writers: Option<BackgroundWriters>,
 }
 
-impl Meshing<'_> {
-    /// Gives back the memory of tiles that are done. False if there is none.
-    fn free_idle(&self) -> bool {
-        self.workspaces.free_idle()
-    }
-}
-
 /// What meshing has made, and the last layer, still to be committed.
 pub struct Meshed {
     /// The tiles and their pieces.

@@ -1,6 +1,7 @@
 //! Which band is meshed next, and which tile: bands in any order, tiles of those in memory first.
 
 use crate::convert::band_order::BandOrder;
+use crate::convert::one_by_one::OneByOne;
 use crate::convert::shared_queue::{Next, Queue};
 use crate::error::{Error, Result};
 use std::collections::{BTreeMap, VecDeque};
@@ -64,9 +65,7 @@ pub struct MeshQueue<B> {
     exist: u32,
     spare: Vec<B>,
     /// There was no memory for several tiles of a band at once.
-    one_by_one: bool,
-    /// What others have had in hand since before that.
-    company: u32,
+    one_by_one: OneByOne,
 }
 
 impl<B> MeshQueue<B> {
@@ -87,8 +86,7 @@ impl<B> MeshQueue<B> {
             in_hand: 0,
             exist: 0,
             spare: Vec::new(),
-            one_by_one: false,
-            company: 0,
+            one_by_one: OneByOne::default(),
         }
     }
 
@@ -113,7 +111,7 @@ impl<B> MeshQueue<B> {
     /// A band is loaded and has these tiles to be made, or there was no memory for it or another failure.
     pub fn loaded(&mut self, place: [u32; 2], band: Result<(B, Vec<u32>)>) {
         self.in_hand -= 1;
-        let alone = self.was_alone();
+        let alone = self.one_by_one.ended_alone();
         let number = self.order.number(place);
         let left = self.reloading.remove(&number).flatten();
         let (band, tiles) = match band {
@@ -149,7 +147,7 @@ impl<B> MeshQueue<B> {
     /// A tile is made, or there was no memory for it or another failure.
     pub fn made(&mut self, task: TileTask<B>, made: Result<()>) {
         self.in_hand -= 1;
-        let alone = self.was_alone();
+        let alone = self.one_by_one.ended_alone();
         let TileTask {
             band,
             grid: [tx, ty, layer],
@@ -223,22 +221,14 @@ impl<B> MeshQueue<B> {
         self.kept = self.kept.max(layers);
     }
 
-    /// True if what has ended began when all else had.
-    fn was_alone(&mut self) -> bool {
-        let alone = self.one_by_one && self.company == 0;
-        self.company = self.company.saturating_sub(1);
-        alone
-    }
-
     /// Goes on with less memory, if `error` says that there is not enough, and less is possible.
     fn takes_less(&mut self, error: Error, alone: bool) -> bool {
         let others = !self.spare.is_empty() || self.exist > 1;
         let can = matches!(error, Error::TooDense { .. }) && (!alone || others);
         self.exist -= self.spare.len() as u32;
         self.spare.clear();
-        if self.at_once == 1 && !self.one_by_one {
-            self.one_by_one = true;
-            self.company = self.in_hand;
+        if self.at_once == 1 {
+            self.one_by_one.begin(self.in_hand);
         }
         self.at_once = (self.at_once / 2).max(1);
         if !can {
@@ -268,7 +258,7 @@ impl<B> Queue for MeshQueue<B> {
             self.ending = true;
             return Next::Do(MeshTask::End(layer));
         }
-        if self.one_by_one && self.in_hand > 0 {
+        if self.one_by_one.is_on() && self.in_hand > 0 {
             return Next::Wait;
         }
         if let Some(tile) = self.tiles.pop_front() {
@@ -283,7 +273,7 @@ impl<B> Queue for MeshQueue<B> {
         }
         let all = self.order.first_of(self.order.layers);
         let all_taken = self.next == all && self.again.is_empty();
-        match all_taken && self.in_hand > 0 && !self.one_by_one {
+        match all_taken && self.in_hand > 0 && !self.one_by_one.is_on() {
             // whoever makes the last tile ends the last layer, too
             true => Next::Finished,
             false => Next::Wait,
@@ -298,14 +288,7 @@ impl<B> Queue for MeshQueue<B> {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    fn too_dense() -> Error {
-        Error::TooDense {
-            limit: 1,
-            needed: 2,
-            uses: Vec::new(),
-        }
-    }
+    use crate::convert::one_by_one::too_dense;
 
     /// A band with three tiles that are all being made.
     fn with_three_tiles() -> (MeshQueue<()>, Vec<TileTask<()>>) {

@@ -136,7 +136,9 @@ impl<'a, T: Voxel + Default> MeshWorkers<'a, T> {
             MeshTask::Load(place, memory) => {
                 let mut band = memory.unwrap_or_else(|| self.loader.band());
                 let mut tiles = self.loader.load(place, &mut band);
-                while matches!(tiles, Err(Error::TooDense { .. })) && self.meshing.free_idle() {
+                while matches!(tiles, Err(Error::TooDense { .. }))
+                    && self.meshing.workspaces.free_idle()
+                {
                     tiles = self.loader.load(place, &mut band);
                 }
                 if let Ok(tiles) = &tiles {
@@ -162,7 +164,7 @@ impl<'a, T: Voxel + Default> MeshWorkers<'a, T> {
         if let Some(tile) = self.meshing.mesh_tile(&task.band, task.grid)? {
             let mut collector = lock(&self.collector);
             if collector.reserve().is_err() {
-                self.meshing.free_idle();
+                self.meshing.workspaces.free_idle();
             }
             collector.add(tile)?;
         }
