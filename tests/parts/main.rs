@@ -11,6 +11,7 @@ mod labels;
 mod life;
 mod refused;
 mod split;
+mod walls;
 
 use alvis::convert::ConvertOptions;
 use alvis::convert::parts::{Asked, Merged, merge_parts, plan_parts, work_on_part};

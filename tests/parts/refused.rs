@@ -120,7 +120,6 @@ fn what_others_do_there_is_refused_while_a_plan_is_there() {
     }
     let plan_of = |more: &str| plan.replace(" out ", " other ") + more;
     for (line, what) in [
-        (plan_of(" --split --walls"), "--walls"),
         (plan_of(" --split 1.5"), "--split"),
         (plan_of(" --labels nowhere.tif"), "nowhere.tif"),
         (plan_of(" --lod"), "--lod"),

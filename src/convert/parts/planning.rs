@@ -116,11 +116,6 @@ fn refuse_tile_set(out: &Path) -> Result<()> {
 
 /// Refuses what is not converted in parts.
 fn check(volume: &dyn Volume, options: &ConvertOptions) -> Result<()> {
-    if options.walls {
-        let expected = "no --walls: walls between cells are found in one process";
-        return Err(Error::usage("--walls", "it with a plan", expected)
-            .with_hint("`alvis convert` does it on one machine"));
-    }
     if !volume.random_access() {
         let found = format!("{}, which is packed as one stream", options.source_name);
         let expected = "an input of which each part can be read by itself";
