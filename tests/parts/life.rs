@@ -182,7 +182,7 @@ fn spawn(dir: &Path, args: &[&str]) -> Child {
 }
 
 /// The parts that a merge asks for; `None` once the tile set is in place.
-fn to_run(dir: &Path) -> Option<Vec<String>> {
+pub fn to_run(dir: &Path) -> Option<Vec<String>> {
     match code(dir, &["merge", "out", "--quiet"]) {
         (0, _) => None,
         (3, text) => {

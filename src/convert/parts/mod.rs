@@ -29,7 +29,7 @@ use crate::convert::parts::commit::Commit;
 use crate::convert::parts::directory::{Attempt, Directory, Doer, FileSum, Made as Left};
 use crate::convert::parts::ids::{cell_owners, merge_ids};
 use crate::convert::parts::labels::{each_contact, merge_labelled};
-use crate::convert::parts::planning::identity_of;
+use crate::convert::parts::planning::{identity_of, refuse_parts_in_bucket};
 use crate::convert::parts::records::{LeftInRound, merge_records};
 use crate::convert::parts::rounds::{Round, Rounds};
 use crate::convert::parts::small::{SmallSearch, merge_small};
@@ -42,7 +42,7 @@ use crate::convert::{ConvertOptions, ConvertReport, in_threads, report, with_con
 use crate::error::{Error, Result};
 use crate::manifest::MANIFEST;
 use crate::progress::Progress;
-use crate::tileset::{refuse_bucket, tidy};
+use crate::tileset::tidy;
 use crate::volume::Volume;
 use serde::Serialize;
 use std::path::Path;
@@ -84,7 +84,7 @@ pub enum Merged {
 /// # Errors
 /// [`Error::Usage`] if there is neither; as of [`Directory::open`].
 fn planned(out: &Path) -> Result<Option<Directory>> {
-    refuse_bucket(out)?;
+    refuse_parts_in_bucket(out)?;
     if out.join(MANIFEST).exists() {
         return Ok(None);
     }

@@ -104,8 +104,21 @@ pub fn check_plan(
     predict(volume, options, in_region).map(|_| ())
 }
 
+/// Refuses a place in a bucket: attempts and tiles are moved and changed where they lie.
+///
+/// # Errors
+/// [`Error::Unsupported`].
+pub fn refuse_parts_in_bucket(out: &Path) -> Result<()> {
+    refuse_bucket(out).map_err(|refused| {
+        refused.with_hint(
+            "plan into a directory that all machines share; when `alvis merge` has ended with status 0, copy that to the \
+             bucket, index.json last",
+        )
+    })
+}
+
 fn refuse_tile_set(out: &Path) -> Result<()> {
-    refuse_bucket(out)?;
+    refuse_parts_in_bucket(out)?;
     if !out.join(MANIFEST).exists() {
         return Ok(());
     }
@@ -140,6 +153,7 @@ pub fn plan_parts(
     asked: Asked,
 ) -> Result<PartsPlan> {
     check(volume, options)?;
+    refuse_tile_set(out)?;
     with_conversion(volume, options, &Quiet, Layers::all, |job| {
         check(job.grid, options)?;
         let layers = job.layers();
