@@ -96,7 +96,7 @@ fn parts_of_split_filtered_regions_are_the_single_run() {
     let dir = inputs();
     for more in [
         "--split --roi mask:mask.mhd --smooth 0.8 --walls",
-        "--split 0.95 --roi cylinder --median 1 --roi-fill air",
+        "--split 0.95 --roi cylinder:21,20,15 --median 1 --roi-fill air",
     ] {
         same_in_parts(dir.path(), more);
     }
@@ -115,8 +115,5 @@ fn another_mask_beside_labels_is_refused() {
     write_mhd(dir, "mask", &mask);
     let line = ["work", "out", "--part", "1", "--quiet"];
     let refused = fails(dir, &line);
-    assert!(
-        refused.contains("was") && refused.contains("and is"),
-        "{refused}"
-    );
+    assert!(refused.contains("the mask as it was"), "{refused}");
 }
