@@ -16,6 +16,7 @@ import { encode } from "./link.js";
 import { List } from "./list.js";
 import { CHOSEN, Look } from "./look.js";
 import { note, trouble } from "./messages.js";
+import { enlarge } from "./picture.js";
 import { Section } from "./section.js";
 import { FACE } from "./shaders.js";
 import { buildTop } from "./top.js";
@@ -81,12 +82,8 @@ export class App {
   }
 
   resize() {
-    const stage = by("stage");
-    for (const name of ["picture", "furniture"]) {
-      const canvas = by(name);
-      canvas.width = Math.max(1, Math.round(stage.clientWidth * devicePixelRatio));
-      canvas.height = Math.max(1, Math.round(stage.clientHeight * devicePixelRatio));
-    }
+    const { clientWidth, clientHeight } = by("stage");
+    this.picture.size = [clientWidth, clientHeight].map((n) => Math.max(1, Math.round(n * devicePixelRatio)));
     this.director.renew();
   }
 
@@ -193,6 +190,7 @@ export class App {
     this.picture.show({ ...this.style(), rough }, this.overlays());
     this.section.putHandle(view);
     const canvas = by("furniture");
+    enlarge(canvas, this.picture.size);
     const context = canvas.getContext("2d");
     context.setTransform(devicePixelRatio, 0, 0, devicePixelRatio, 0, 0);
     const { clientWidth: width, clientHeight: height } = canvas;

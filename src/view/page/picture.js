@@ -13,7 +13,7 @@ export class Picture {
   constructor(canvas) {
     const gl = canvas.getContext("webgl2", { antialias: false, depth: false, alpha: false, powerPreference: "high-performance" });
     if (!gl) throw new Error("no WebGL2");
-    Object.assign(this, { canvas, gl, set: null });
+    Object.assign(this, { canvas, gl, set: null, size: [canvas.width, canvas.height] });
     this.counts = { draws: 0, triangles: 0 };
     this.build();
   }
@@ -31,11 +31,7 @@ export class Picture {
     this.sliceTexture = null;
   }
 
-  get size() {
-    return [this.canvas.width, this.canvas.height];
-  }
-
-  /** Makes the targets as large as the canvas. True if they are new and empty. */
+  /** Makes the targets as large as the picture is to be, `size`. True if they are new and empty. */
   fit() {
     const [width, height] = this.size;
     if (this.targets && this.targets.width === width && this.targets.height === height) return false;
@@ -122,6 +118,8 @@ export class Picture {
   /** Lights the picture and brings it to the canvas, or to another frame. `style` has colours of 0 to 1. */
   show(style, { lines = [], slice = null, filled = [] } = {}, targets = this.targets, onto = null) {
     const { gl, view } = this;
+    // a canvas of another size is black until something is drawn: so it gets that only now
+    if (!onto) enlarge(this.canvas, [targets.width, targets.height]);
     gl.bindVertexArray(this.screen);
     gl.viewport(0, 0, targets.width, targets.height);
     this.light(style, targets);
@@ -139,7 +137,7 @@ export class Picture {
       return;
     }
     gl.bindVertexArray(this.screen);
-    gl.bindFramebuffer(gl.FRAMEBUFFER, onto);
+    aim(gl, gl.FRAMEBUFFER, onto);
     gl.useProgram(this.programs.SMOOTH.made);
     bind(gl, this.programs.SMOOTH, { image: targets.image });
     gl.drawArrays(gl.TRIANGLES, 0, 3);
@@ -151,7 +149,7 @@ export class Picture {
     const { gl } = this;
     gl.bindVertexArray(null);
     gl.bindFramebuffer(gl.READ_FRAMEBUFFER, lit);
-    gl.bindFramebuffer(gl.DRAW_FRAMEBUFFER, onto);
+    aim(gl, gl.DRAW_FRAMEBUFFER, onto);
     gl.blitFramebuffer(0, 0, width, height, 0, 0, width, height, gl.COLOR_BUFFER_BIT, gl.NEAREST);
   }
 
@@ -296,6 +294,19 @@ export class Picture {
     }
     return found;
   }
+}
+
+// Drawing goes to a frame, or to the canvas. Chromium 156 may forget that colours go there once a canvas changed its size
+// early: all stays black, without an error, while it tells that they do.
+function aim(gl, target, onto) {
+  gl.bindFramebuffer(target, onto);
+  if (!onto) gl.drawBuffers([gl.BACK]);
+}
+
+/** Gives a canvas a size in pixels; what is on it stays if it has that already. */
+export function enlarge(canvas, [width, height]) {
+  if (canvas.width !== width) canvas.width = width;
+  if (canvas.height !== height) canvas.height = height;
 }
 
 // Programs by name: some are begun at once, others when they are needed first.

@@ -457,6 +457,27 @@ async function troubles({ open, at, servers, context }) {
   await tab.close();
 }
 
+// Another size before the first picture is there: the same picture as when all of it had been.
+async function resized({ open }) {
+  const small = { width: 900, height: 560 };
+  const late = await open("capped");
+  await late.tab.setViewportSize(small);
+  await late.settle(300);
+  const link = (await late.get("link")).slice(33);
+  const wanted = await late.pixels();
+  await late.close();
+  for (const wait of [0, 100, 300]) {
+    const session = await open("capped", { fragment: link, settle: false });
+    await nap(wait);
+    await session.tab.setViewportSize(small);
+    await session.settle(300);
+    const found = await session.pixels();
+    assert(wanted.equals(found), `the picture is another one where the size changed after ${wait} ms`);
+    assert((await variance(session)) > 100, "the picture is empty");
+    await session.close();
+  }
+}
+
 async function lostCard({ open }) {
   const session = await open("blender");
   const before = await session.pixels();
@@ -491,4 +512,5 @@ export const PARTS = [
   ["noise in merged tiles", noise],
   ["sets that are empty, damaged or changed, and a wrong address", troubles],
   ["a lost card comes back", lostCard],
+  ["a window that changes its size while blocks come", resized],
 ];
