@@ -67,7 +67,7 @@ fn parts_work_in_any_order_and_merges_come_at_any_time() {
 fn single_run(volume: &dyn Volume, turn: usize) -> (ConvertOptions, Files) {
     let options = ConvertOptions {
         split: (turn % 2 == 1).then(NeckRule::default),
-        walls: turn % 3 > 0,
+        walls: !turn.is_multiple_of(3),
         ..options([8, 8, 5])
     };
     let (whole, _) = converted(volume, &options);
