@@ -34,6 +34,9 @@ const NS_FOR_SPLIT: f64 = 45.0;
 const KEPT_FOR_LABELS: f64 = 0.6;
 /// Processor time of reading labels and cutting surfaces by them, for each voxel, in nanoseconds.
 const NS_FOR_LABELS: f64 = 50.0;
+/// Bytes between rounds of chords of walls, and processor time of finding these, for each triangle.
+const KEPT_FOR_WALLS: f64 = 4.0;
+const NS_FOR_WALLS: f64 = 80.0;
 /// Jobs of a script ask for so many times the memory that is predicted, where the limit is not below: a volume may be denser
 /// than a foam.
 const ROOM: u64 = 4;
@@ -192,19 +195,23 @@ impl Costs {
         let [x, y, layers] = tiling.tiles().map(u64::from);
         let tiles = (x * y * layers).min(surface.triangles);
         let labelled = if options.min_voxels > 1 { 3 } else { 1 };
-        let split = if options.split.is_some() { 1.0 } else { 0.0 };
+        let yes = |given: bool| if given { 1.0 } else { 0.0 };
+        let split = yes(options.split.is_some());
+        let walls = surface.triangles as f64 * yes(options.walls);
         // here, and by the parts
         let of_labels = labels_bytes(tiling, options);
-        let labels = if of_labels > 0 { 1.0 } else { 0.0 };
+        let labels = yes(of_labels > 0);
         let keeps = options.keep_samples || options.source_filtered.is_some();
-        let passes = labelled + u64::from(!keeps);
+        // chords need the samples beside the surface, as meshing does
+        let passes = labelled + u64::from(!keeps) * (1 + u64::from(options.walls));
         let kept = if keeps { sample as f64 } else { 0.0 };
         let for_voxel =
             KEPT_FOR_VOXEL * labelled as f64 + KEPT_FOR_SPLIT * split + KEPT_FOR_LABELS * labels;
-        let scratch = voxels as f64 * (for_voxel + kept);
+        let scratch = voxels as f64 * (for_voxel + kept) + walls * KEPT_FOR_WALLS;
         let for_each =
             NS_FOR_VOXEL * labelled as f64 + NS_FOR_SPLIT * split + NS_FOR_LABELS * labels;
-        let nanoseconds = voxels as f64 * for_each + surface.triangles as f64 * NS_FOR_TRIANGLE;
+        let for_surface = surface.triangles as f64 * NS_FOR_TRIANGLE + walls * NS_FOR_WALLS;
+        let nanoseconds = voxels as f64 * for_each + for_surface;
         Costs {
             plan,
             bytes_read: passes * voxels * sample + of_labels,

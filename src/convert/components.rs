@@ -211,6 +211,14 @@ impl Components {
         }
     }
 
+    /// The id of the cell in a place of the table.
+    pub fn id_of_cell(&self, place: u64) -> u64 {
+        match &self.given {
+            Some(given) => given.cells.ids.id(place),
+            None => self.places.cells.id(place),
+        }
+    }
+
     /// The id of the surface that a piece, which is no cap, is part of: where cells are given, that between the cell and
     /// the object.
     ///

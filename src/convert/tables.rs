@@ -4,7 +4,7 @@ use crate::convert::cells::Opening;
 use crate::convert::components::{Components, SEVERAL};
 use crate::convert::finalize::Stop;
 use crate::convert::id_places::IdPlaces;
-use crate::convert::walls::{NeighbourRule, Wall};
+use crate::convert::walls::JudgedWall;
 use crate::error::{Error, Result};
 use crate::grid::{Placement, Unit};
 use crate::manifest::{COMPONENTS, NECKS, WALLS};
@@ -153,17 +153,13 @@ fn write_cells(
     if !more.is_empty() {
         head = format!("{head},{}", titles(&more, place.unit));
     }
-    let ids = &components.places.cells;
     let rows = Rows {
         table: &components.cells,
         count: components.own_cells(),
     };
     let titles = components.has_titles.then_some(&head);
     write_rows(path, titles, rows, stop, |i, record, row| {
-        row.put(match &components.given {
-            Some(given) => given.cells.ids.id(i),
-            None => ids.id(i),
-        });
+        row.put(components.id_of_cell(i));
         row.put_all(&COMPONENT_COLUMNS, &Measures::of(record, place, false));
         row.put_all(&more, &more_of(components, i, record, place)?);
         Ok(())
@@ -201,14 +197,12 @@ fn write_necks(path: &Path, openings: ListOf, place: &Placement) -> Result<u64> 
         &NECK_COLUMNS,
         openings,
         place.unit,
-        |opening: Opening| {
-            Ok(NeckRow {
-                cells: opening.cells,
-                radius: known(opening.radius),
-                ratio: known(opening.ratio),
-                place: known(opening.place[0]).map(|_| place.world(opening.place)),
-                area: opening.area,
-            })
+        |opening: Opening| NeckRow {
+            cells: opening.cells,
+            radius: known(opening.radius),
+            ratio: known(opening.ratio),
+            place: known(opening.place[0]).map(|_| place.world(opening.place)),
+            area: opening.area,
         },
     )
 }
@@ -219,20 +213,20 @@ fn write_walls(path: &Path, components: &Components, place: &Placement) -> Resul
         return Ok(0);
     };
     let finest = finest(place);
-    let rule = NeighbourRule::new(components, &known.of_cells, place);
     let walls = ListOf {
         records: &known.walls,
-        has_titles: true,
+        has_titles: components.has_titles,
     };
-    write_list(path, &WALL_COLUMNS, walls, place.unit, |wall: Wall| {
-        Ok(WallRow {
+    write_list(path, &WALL_COLUMNS, walls, place.unit, |judged| {
+        let JudgedWall { wall, neighbour } = judged;
+        WallRow {
             cells: wall.cells,
             area: wall.area(place.spacing),
             thickness: wall.thickness * finest,
             chords: wall.chords,
             thin: 2 * wall.thin > wall.area_steps,
-            neighbour: rule.holds(&wall)?,
-        })
+            neighbour: neighbour == 1,
+        }
     })
 }
 
@@ -249,7 +243,7 @@ fn write_list<T: bytemuck::Pod, R>(
     columns: &[Column<R>],
     list: ListOf,
     unit: Unit,
-    row_of: impl Fn(T) -> Result<R>,
+    row_of: impl Fn(T) -> R,
 ) -> Result<u64> {
     let failed = |e| Error::io(path, "write", e);
     let file = File::create(path).map_err(|e| Error::io(path, "create", e))?;
@@ -273,7 +267,7 @@ fn write_list<T: bytemuck::Pod, R>(
             text: &mut text,
             started,
         }
-        .put_all(columns, &row_of(record)?);
+        .put_all(columns, &row_of(record));
         text.push('\n');
         put(&mut text)
     })?;

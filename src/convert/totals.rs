@@ -4,7 +4,7 @@ use crate::convert::ConvertOptions;
 use crate::convert::cells::Opening;
 use crate::convert::components::Components;
 use crate::convert::label::LeftOut;
-use crate::convert::walls::Wall;
+use crate::convert::walls::JudgedWall;
 use crate::error::Result;
 use crate::manifest::{Dust, Totals};
 use crate::measure::MeshSums;
@@ -51,7 +51,7 @@ impl ScannedSums {
             walls: components
                 .walls
                 .as_ref()
-                .map_or(0, |known| known.walls.records::<Wall>()),
+                .map_or(0, |known| known.walls.records::<JudgedWall>()),
             components: components
                 .given
                 .as_ref()

@@ -52,6 +52,13 @@ pub struct ChordEnd {
     pub leaves: u32,
 }
 
+impl ChordEnd {
+    /// True if the line is one along z.
+    pub fn is_along_z(&self) -> bool {
+        self.line >> PLACE_BITS == 2
+    }
+}
+
 /// Chords of the wall between two cells whose thickness lies in one bin.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Pod, Zeroable)]

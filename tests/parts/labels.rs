@@ -40,7 +40,7 @@ pub fn given(dims: [u32; 3], labels: Vec<u32>) -> [Labels; 2] {
 }
 
 /// Compares 1, 2, 3, 7 parts and one for each layer with the single run; returns how many cells and openings there are.
-fn same_in_parts(
+pub fn same_in_parts(
     volume: &dyn Volume,
     labels: Vec<u32>,
     options: &ConvertOptions,
@@ -75,7 +75,7 @@ pub fn blocks(dims: [u32; 3], size: u32, seed: u64) -> Vec<u32> {
 }
 
 /// Labels that lie in many places each, and far from each other.
-fn scattered(dims: [u32; 3], seed: u64) -> Vec<u32> {
+pub fn scattered(dims: [u32; 3], seed: u64) -> Vec<u32> {
     let mut random = Random(seed);
     samples(dims, |_| (random.bits() % 11) as u32)
 }

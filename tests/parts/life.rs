@@ -25,6 +25,7 @@ fn parts_work_in_any_order_and_merges_come_at_any_time() {
     for seed in 0..4 {
         let options = ConvertOptions {
             split: (seed % 2 == 1).then(NeckRule::default),
+            walls: seed > 1,
             ..small.clone()
         };
         let (whole, _) = converted(&volume, &options);
@@ -62,10 +63,11 @@ fn parts_work_in_any_order_and_merges_come_at_any_time() {
     }
 }
 
-/// What one process makes, every second turn with cells that are split.
+/// What one process makes, every second turn with cells that are split, and of three two with walls.
 fn single_run(volume: &dyn Volume, turn: usize) -> (ConvertOptions, Files) {
     let options = ConvertOptions {
         split: (turn % 2 == 1).then(NeckRule::default),
+        walls: !turn.is_multiple_of(3),
         ..options([8, 8, 5])
     };
     let (whole, _) = converted(volume, &options);
@@ -180,7 +182,7 @@ fn spawn(dir: &Path, args: &[&str]) -> Child {
 }
 
 /// The parts that a merge asks for; `None` once the tile set is in place.
-fn to_run(dir: &Path) -> Option<Vec<String>> {
+pub fn to_run(dir: &Path) -> Option<Vec<String>> {
     match code(dir, &["merge", "out", "--quiet"]) {
         (0, _) => None,
         (3, text) => {
@@ -200,10 +202,8 @@ fn to_run(dir: &Path) -> Option<Vec<String>> {
 fn work_and_merges_that_are_killed_are_done_again() {
     let mut random = Random(7);
     let mut pause = |most: f64| std::thread::sleep(Duration::from_secs_f64(most * random.unit()));
-    for (turn, more) in ["", "--split", "--split 0.95 --split-h 0"]
-        .into_iter()
-        .enumerate()
-    {
+    let turns = ["", "--split", "--split 0.95 --split-h 0 --walls", "--walls"];
+    for (turn, more) in turns.into_iter().enumerate() {
         let (dir, whole) = foam_file(more);
         let dir = dir.path();
         ok(dir, &words("plan foam.mhd out --parts 3", more));

@@ -11,6 +11,8 @@ mod labels;
 mod life;
 mod refused;
 mod split;
+mod walls;
+mod wrapped;
 
 use alvis::convert::ConvertOptions;
 use alvis::convert::parts::{Asked, Merged, merge_parts, plan_parts, work_on_part};

@@ -118,9 +118,18 @@ fn what_others_do_there_is_refused_while_a_plan_is_there() {
         let message = refused(line);
         assert!(message.contains(what), "{line}: {message}");
     }
+    let plan_in_bucket = plan.replace(" out ", " s3://bucket/out ");
+    for line in [
+        &plan_in_bucket,
+        "work s3://bucket/out --part 0",
+        "merge s3://bucket/out",
+    ] {
+        let message = refused(line);
+        let what = "plan into a directory that all machines share";
+        assert!(message.contains(what), "{line}: {message}");
+    }
     let plan_of = |more: &str| plan.replace(" out ", " other ") + more;
     for (line, what) in [
-        (plan_of(" --split --walls"), "--walls"),
         (plan_of(" --split 1.5"), "--split"),
         (plan_of(" --labels nowhere.tif"), "nowhere.tif"),
         (plan_of(" --lod"), "--lod"),

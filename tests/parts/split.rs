@@ -18,7 +18,7 @@ fn split(macrocube: [u32; 3]) -> ConvertOptions {
 }
 
 /// Holes in the walls of a foam: its cells leak into each other.
-fn leaky(dims: [u32; 3], seed: u64) -> Vec<u8> {
+pub fn leaky(dims: [u32; 3], seed: u64) -> Vec<u8> {
     let mut random = Random(seed);
     let mut values = foam(dims, seed);
     let [nx, ny, _] = dims;

@@ -346,14 +346,17 @@ def refusals(lab):
     for words in [
         ["select", lab.place("foam"), url("new/a"), "--largest", "1"],
         ["repack", lab.place("foam"), url("new/a"), "--for", "web"],
-        ["plan", lab.scan, url("new/a"), "--parts", "2", "--macrocube", "16", "--threshold", "9"],
-        ["work", url("new/a"), "--part", "0"],
-        ["merge", url("new/a")],
         ["lod", url("sets/bad-503")],
         ["demo", url("new/a")],
         ["convert", lab.scan, lab.scan, "--out-dir", url("new/a"), "--threshold", "9"],
     ]:
         lab.refused(*words, says=["to a bucket is not supported"])
+    for words in [
+        ["plan", lab.scan, url("new/a"), "--parts", "2", "--macrocube", "16", "--threshold", "9"],
+        ["work", url("new/a"), "--part", "0"],
+        ["merge", url("new/a")],
+    ]:
+        lab.refused(*words, says=["to a bucket is not supported", "a directory that all machines share"])
 
 
 def resumed(lab):

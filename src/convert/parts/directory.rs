@@ -22,7 +22,7 @@ use std::io::{ErrorKind, Read};
 use std::path::{Path, PathBuf};
 
 /// Counts the versions of all these files.
-pub const FORMAT: u32 = 4;
+pub const FORMAT: u32 = 5;
 
 /// What all parts are to know.
 #[derive(Debug, Clone, Serialize, Deserialize)]
@@ -163,6 +163,14 @@ pub struct Made<T> {
     pub files: Vec<FileSum>,
     /// What came of it.
     pub result: T,
+}
+
+impl<T> Made<T> {
+    /// The same with more files.
+    pub fn with(mut self, files: Vec<FileSum>) -> Self {
+        self.files.extend(files);
+        self
+    }
 }
 
 /// An attempt that is under way.

@@ -6,6 +6,7 @@ use crate::convert::label::{Beyond, Labelled, Seam};
 use crate::convert::parts::directory::{Directory, Done, FileSum, Made};
 use crate::convert::parts::handed_out::HandedOut;
 use crate::convert::parts::join::{Contributions, Joiner};
+use crate::convert::parts::split::CellOwners;
 use crate::convert::parts::work::{LabelsOfPart, SEAM};
 use crate::convert::resolve::{ComponentId, Each, Numbering};
 use crate::error::{Error, Result};
@@ -44,6 +45,8 @@ struct Window {
 #[derive(Debug, Clone, Serialize, Deserialize)]
 pub struct MergedIds {
     counts: Each<u64>,
+    /// Cells that begin in parts before each part; at last, all of them.
+    cells_before: Vec<u64>,
 }
 
 fn file_of(part: u32) -> String {
@@ -187,6 +190,7 @@ fn hand_out(
             window.alive = alive - window.before;
         }
     }
+    let mut cells_before: Vec<u64> = windows.iter().map(|of_part| of_part[1].before).collect();
     let mut numbering = Numbering::of(&labels)?;
     let ranks = &numbering.ranks;
     let [objects, cells, both] =
@@ -200,6 +204,7 @@ fn hand_out(
             "one surface less than objects and cells",
         ));
     }
+    cells_before.push(cells);
     let mut files = Vec::new();
     joiner.finish(
         |known: &Known| numbering.id(known.above == 1, known.provisional, known.surface),
@@ -219,8 +224,19 @@ fn hand_out(
     Ok(Made {
         marks: Default::default(),
         files,
-        result: MergedIds { counts },
+        result: MergedIds {
+            counts,
+            cells_before,
+        },
     })
+}
+
+/// In which part each component of voxels below begins.
+pub fn cell_owners(merged: &Done<MergedIds>) -> CellOwners {
+    CellOwners {
+        before: merged.result.cells_before.clone(),
+        begin_there: true,
+    }
 }
 
 /// What merging has found of the components of a part.

@@ -11,8 +11,8 @@ use crate::convert::id_places::IdPlaces;
 use crate::convert::known_band::KnownBands;
 use crate::convert::parts::directory::{Directory, Done, FileSum, Made};
 use crate::convert::parts::records::{
-    NO_PART, PartFiles, Shared, SharedComponent, gather, merge_table, merge_table_with,
-    merged_file, shared_file, sum_of,
+    LeftInRound, NO_PART, PartFiles, Shared, SharedComponent, gather, merge_table,
+    merge_table_with, merged_file, shared_file, sum_of,
 };
 use crate::convert::parts::split::{
     CELLS, COMPONENTS, CellOwners, CellRecord, CellsToMesh, MergedRecords, MeshedPart, OBJECTS,
@@ -240,6 +240,14 @@ fn owners_of(found: &SpillFile, parts: u32) -> Result<CellOwners> {
     })
 }
 
+/// Calls `each` with the cells of all contacts, of some more often than once.
+///
+/// # Errors
+/// [`crate::Error::Io`]; [`crate::Error::Format`] if a file is damaged; those of `each`.
+pub fn each_contact(left: LeftInRound, each: &mut dyn FnMut([u64; 2]) -> Result<()>) -> Result<()> {
+    left.each(CONTACTS, |contact: Contact| each(contact.cells))
+}
+
 /// Joins where cells touch, hands each contact to the part that owns its smaller cell, and counts it with both.
 fn merge_contacts(
     directory: &Directory,
@@ -249,11 +257,8 @@ fn merge_contacts(
     cells: &mut Sorter<SharedCell>,
 ) -> Result<Vec<FileSum>> {
     let mut all = Sorter::<Contact>::new(dir, ROOM)?;
-    for part in 0..directory.parts() {
-        let done: Done<MeshedPart> = directory.done_by(round, part)?;
-        done.spool(CONTACTS)?
-            .each(|contact: Contact| all.push(contact))?;
-    }
+    let left = LeftInRound { directory, round };
+    left.each(CONTACTS, |contact| all.push(contact))?;
     let mut one_neck = ComponentRecord::zeroed();
     one_neck.necks = 1;
     let one_neck = CellRecord::new(one_neck, PartRecord::default());

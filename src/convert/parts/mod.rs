@@ -17,6 +17,7 @@ mod rounds;
 mod sealed;
 mod small;
 mod split;
+mod walls;
 mod work;
 
 pub use directory::Asked;
@@ -25,20 +26,23 @@ pub use planning::{PartsPlan, check_plan, plan_parts};
 use crate::convert::conversion::{Conversion, Made};
 use crate::convert::layers::Layers;
 use crate::convert::parts::commit::Commit;
-use crate::convert::parts::directory::{Directory, Doer, Made as Left};
-use crate::convert::parts::ids::merge_ids;
-use crate::convert::parts::labels::merge_labelled;
-use crate::convert::parts::planning::identity_of;
-use crate::convert::parts::records::merge_records;
+use crate::convert::parts::directory::{Attempt, Directory, Doer, FileSum, Made as Left};
+use crate::convert::parts::ids::{cell_owners, merge_ids};
+use crate::convert::parts::labels::{each_contact, merge_labelled};
+use crate::convert::parts::planning::{identity_of, refuse_parts_in_bucket};
+use crate::convert::parts::records::{LeftInRound, merge_records};
 use crate::convert::parts::rounds::{Round, Rounds};
 use crate::convert::parts::small::{SmallSearch, merge_small};
-use crate::convert::parts::split::{merge_basins, merge_cells, merge_split_records};
+use crate::convert::parts::split::{
+    CellOwners, each_neck, merge_basins, merge_cells, merge_split_records,
+};
+use crate::convert::parts::walls::merge_walls;
 use crate::convert::parts::work::PartWork;
 use crate::convert::{ConvertOptions, ConvertReport, in_threads, report, with_conversion};
 use crate::error::{Error, Result};
 use crate::manifest::MANIFEST;
 use crate::progress::Progress;
-use crate::tileset::{refuse_bucket, tidy};
+use crate::tileset::tidy;
 use crate::volume::Volume;
 use serde::Serialize;
 use std::path::Path;
@@ -80,7 +84,7 @@ pub enum Merged {
 /// # Errors
 /// [`Error::Usage`] if there is neither; as of [`Directory::open`].
 fn planned(out: &Path) -> Result<Option<Directory>> {
-    refuse_bucket(out)?;
+    refuse_parts_in_bucket(out)?;
     if out.join(MANIFEST).exists() {
         return Ok(None);
     }
@@ -356,20 +360,47 @@ impl Merge<'_> {
             }
             Round::Mesh | Round::Finish if self.job.options.labels.is_some() => {
                 let made = merge_labelled(directory, number, dir)?;
-                self.done(attempt, made)
+                let walls = self.walls(&attempt, &made.result.owners, each_contact)?;
+                self.done(attempt, made.with(walls))
             }
             Round::Mesh | Round::Finish if self.job.options.split.is_some() => {
                 let made = merge_split_records(self.job, directory, self.rounds, dir)?;
-                self.done(attempt, made)
+                let round = self.rounds.number(Round::Saddles);
+                let cells = directory.merged(round, 0)?;
+                let owners = &made.result.owners;
+                let walls =
+                    self.walls(&attempt, owners, |left, each| each_neck(left, &cells, each))?;
+                self.done(attempt, made.with(walls))
             }
             Round::Mesh | Round::Finish => {
                 let made = merge_records(directory, number, dir)?;
-                self.done(attempt, made)
+                let round = self.rounds.number(Round::Label);
+                let owners = cell_owners(&directory.merged(round, 0)?);
+                let walls = self.walls(&attempt, &owners, |_, _| Ok(()))?;
+                self.done(attempt, made.with(walls))
             }
         }
     }
 
-    fn done<T: Serialize>(&self, attempt: directory::Attempt, made: Left<T>) -> Result<()> {
+    /// Joins the walls between cells, if these were asked for; `openings` hands on the cells of each opening.
+    fn walls(
+        &self,
+        attempt: &Attempt,
+        owners: &CellOwners,
+        openings: impl FnOnce(LeftInRound, &mut dyn FnMut([u64; 2]) -> Result<()>) -> Result<()>,
+    ) -> Result<Vec<FileSum>> {
+        if !self.job.options.walls {
+            return Ok(Vec::new());
+        }
+        let left = LeftInRound {
+            directory: self.directory,
+            round: self.rounds.number(Round::Mesh),
+        };
+        let openings = |each: &mut dyn FnMut([u64; 2]) -> Result<()>| openings(left, each);
+        merge_walls(self.job, left, owners, &attempt.dir, openings)
+    }
+
+    fn done<T: Serialize>(&self, attempt: Attempt, made: Left<T>) -> Result<()> {
         self.directory.finish(attempt, made).map(|_| ())
     }
 }

@@ -104,8 +104,21 @@ pub fn check_plan(
     predict(volume, options, in_region).map(|_| ())
 }
 
+/// Refuses a place in a bucket: attempts and tiles are moved and changed where they lie.
+///
+/// # Errors
+/// [`Error::Unsupported`].
+pub fn refuse_parts_in_bucket(out: &Path) -> Result<()> {
+    refuse_bucket(out).map_err(|refused| {
+        refused.with_hint(
+            "plan into a directory that all machines share; when `alvis merge` has ended with status 0, copy that to the \
+             bucket, index.json last",
+        )
+    })
+}
+
 fn refuse_tile_set(out: &Path) -> Result<()> {
-    refuse_bucket(out)?;
+    refuse_parts_in_bucket(out)?;
     if !out.join(MANIFEST).exists() {
         return Ok(());
     }
@@ -116,11 +129,6 @@ fn refuse_tile_set(out: &Path) -> Result<()> {
 
 /// Refuses what is not converted in parts.
 fn check(volume: &dyn Volume, options: &ConvertOptions) -> Result<()> {
-    if options.walls {
-        let expected = "no --walls: walls between cells are found in one process";
-        return Err(Error::usage("--walls", "it with a plan", expected)
-            .with_hint("`alvis convert` does it on one machine"));
-    }
     if !volume.random_access() {
         let found = format!("{}, which is packed as one stream", options.source_name);
         let expected = "an input of which each part can be read by itself";
@@ -145,6 +153,7 @@ pub fn plan_parts(
     asked: Asked,
 ) -> Result<PartsPlan> {
     check(volume, options)?;
+    refuse_tile_set(out)?;
     with_conversion(volume, options, &Quiet, Layers::all, |job| {
         check(job.grid, options)?;
         let layers = job.layers();

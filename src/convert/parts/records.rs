@@ -9,6 +9,7 @@ use crate::measure::{ComponentRecord, RecordTable, SurfaceRecord};
 use crate::sys::sorted_spill::{Keyed, Sorter};
 use crate::sys::spill_file::{Mark, SpillFile};
 use bytemuck::{Pod, Zeroable};
+use serde::de::IgnoredAny;
 use std::path::Path;
 
 /// Records that are sorted in memory.
@@ -245,6 +246,29 @@ pub fn read_records<A, B>(
     })
 }
 
+/// What parts have left in a round.
+#[derive(Clone, Copy)]
+pub struct LeftInRound<'a> {
+    /// Where they work.
+    pub directory: &'a Directory,
+    /// The round.
+    pub round: u32,
+}
+
+impl LeftInRound<'_> {
+    /// Calls `each` for all records of a file that all parts have.
+    ///
+    /// # Errors
+    /// [`crate::Error::Io`]; [`crate::Error::Format`] if a file is damaged; those of `each`.
+    pub fn each<T: Pod>(&self, name: &str, mut each: impl FnMut(T) -> Result<()>) -> Result<()> {
+        for part in 0..self.directory.parts() {
+            let done: Done<IgnoredAny> = self.directory.done_by(self.round, part)?;
+            done.spool(name)?.each(&mut each)?;
+        }
+        Ok(())
+    }
+}
+
 /// Records of what lies in several parts, of one table, by their ids.
 ///
 /// # Errors
@@ -257,7 +281,7 @@ pub fn gather<S: Shared>(
 ) -> Result<Sorter<S>> {
     let mut by_id = Sorter::<S>::new(dir, ROOM)?;
     for part in 0..directory.parts() {
-        let done: Done<serde::de::IgnoredAny> = directory.done_by(round, part)?;
+        let done: Done<IgnoredAny> = directory.done_by(round, part)?;
         done.spool(&shared_file(name))?.each(|shared: S| {
             let [id, _] = shared.key();
             by_id.push(S::new(shared.record(), [id, part.into()]))

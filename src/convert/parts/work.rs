@@ -17,12 +17,14 @@ use crate::convert::parts::records::{read_records, write_records};
 use crate::convert::parts::rounds::{Round, Rounds};
 use crate::convert::parts::small::small_beyond;
 use crate::convert::parts::split::{CellsToMesh, MeshedPart, write_columns, write_meshed};
+use crate::convert::parts::walls::{write_areas, write_walls};
 use crate::convert::resolve::{Each, resolve};
 use crate::convert::tables::write_tables;
 use crate::convert::totals::ScannedSums;
+use crate::convert::walls::WallsInput;
 use crate::convert::{ConvertOptions, read_twice};
 use crate::error::{Error, Result};
-use crate::manifest::{COMPONENTS, LayerRecord, NECKS, Totals};
+use crate::manifest::{COMPONENTS, LayerRecord, NECKS, Totals, WALLS};
 use crate::measure::MeshSums;
 use crate::split::NeckRule;
 use crate::sys::memory_pool::{MemoryPool, MemoryReservation};
@@ -44,11 +46,12 @@ const CSV: [&str; 3] = ["cells.csv", "objects.csv", "surfaces.csv"];
 
 /// The tables of a conversion.
 pub fn tables(options: &ConvertOptions) -> Vec<&'static str> {
-    let more: &[&str] = match options.has_parts() {
+    let parts: &[&str] = match options.has_parts() {
         true => &[COMPONENTS, NECKS],
         false => &[],
     };
-    [&CSV, more].concat()
+    let walls: &[&str] = if options.walls { &[WALLS] } else { &[] };
+    [&CSV, parts, walls].concat()
 }
 
 /// What labelling a part, or searching it, has found.
@@ -233,16 +236,29 @@ impl PartWork<'_> {
             ids: &resolved.bands,
         };
         let cells = self.given_cells(known, &memory, work)?;
-        let meshed = read_twice(job, work, |volume, _| {
+        let given = cells.as_ref().map(|cells| &cells.given);
+        let in_others = cells
+            .as_ref()
+            .map_or(&ids.shared.cells, |cells| &cells.shared);
+        let (walls, meshed) = read_twice(job, work, |volume, _| {
+            let input = WallsInput {
+                job,
+                volume,
+                known,
+                rows: given.map(|given| &given.rows),
+                memory: &memory,
+                work,
+            };
+            let walls = job.options.walls.then(|| write_walls(&input, in_others));
             let input = MeshInput {
                 job,
                 volume,
                 memory: &memory,
                 writer: &writer,
                 known,
-                cells: cells.as_ref().map(|cells| &cells.given),
+                cells: given,
             };
-            mesh(&input, &mut checkpointer)
+            Ok((walls.transpose()?, mesh(&input, &mut checkpointer)?))
         })?;
         let mut output = meshed.output;
         meshed.last_layer.commit(&mut checkpointer)?;
@@ -254,6 +270,7 @@ impl PartWork<'_> {
             places: ids.places,
         };
         let (mut files, result) = self.records(input, cells, &ids.shared, work)?;
+        files.extend(walls.into_iter().flatten());
         write_caps(&work.join(CAPS), &output.caps)?;
         files.push(FileSum::of(work, CAPS)?);
         let mut marks = Marks::default();
@@ -291,18 +308,24 @@ impl PartWork<'_> {
         work: &Path,
     ) -> Result<(Vec<FileSum>, MeshedPart)> {
         let memory = self.job.plan.tables();
-        let Some(cells) = cells else {
-            let components = sum_up(input, None, memory, work)?;
-            let files = write_records(work, &components, shared)?;
+        let (given, own_files, in_others) = match cells {
+            Some(cells) => (Some(cells.given), cells.files, Some(cells.shared)),
+            None => (None, Vec::new(), None),
+        };
+        let mut components = sum_up(input, given, memory, work)?;
+        let mut files = own_files;
+        if self.job.options.walls {
+            files.push(write_areas(&components, work)?);
+        }
+        let Some(in_others) = in_others else {
+            files.extend(write_records(work, &components, shared)?);
             return Ok((files, MeshedPart::default()));
         };
-        let mut components = sum_up(input, Some(cells.given), memory, work)?;
-        let mut files = cells.files;
         let (part, made) = (self.part, &mut components);
         if self.job.options.labels.is_some() {
             files.push(write_pairs(made, &shared.cells, work)?);
         }
-        let (records, result) = write_meshed(work, part, made, shared, &cells.shared)?;
+        let (records, result) = write_meshed(work, part, made, shared, &in_others)?;
         Ok(([files, records].concat(), result))
     }
 
@@ -314,17 +337,21 @@ impl PartWork<'_> {
         work: &Path,
     ) -> Result<Components> {
         let (directory, part) = (self.directory, self.part);
-        let round = self.rounds.number(Round::Mesh);
-        if self.job.options.labels.is_some() {
+        let (round, options) = (self.rounds.number(Round::Mesh), self.job.options);
+        let mut components = if options.labels.is_some() {
             let merged = directory.merged(round, part)?;
-            return self.labelled_components(places, done, &merged, work);
-        }
-        if self.job.options.split.is_some() {
+            self.labelled_components(places, done, &merged, work)?
+        } else if options.split.is_some() {
             let merged = directory.merged(round, part)?;
-            return self.split_components(places, done, &merged, work);
+            self.split_components(places, done, &merged, work)?
+        } else {
+            let empty = Components::none_yet(places, self.job.plan.tables(), work)?;
+            read_records(empty, done, &directory.merged::<()>(round, part)?, part)?
+        };
+        if options.walls {
+            self.add_walls(&mut components, round, work)?;
         }
-        let empty = Components::none_yet(places, self.job.plan.tables(), work)?;
-        read_records(empty, done, &directory.merged::<()>(round, part)?, part)
+        Ok(components)
     }
 
     /// The memory that tables may take.

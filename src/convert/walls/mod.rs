@@ -6,7 +6,7 @@
 
 mod of_cells;
 
-pub use of_cells::{CellWalls, NeighbourRule, add_walls};
+pub use of_cells::{CellWalls, JudgedWall, Neighbours, WallsOfCell, add_walls};
 
 use crate::convert::conversion::Conversion;
 use crate::convert::known_band::KnownBands;
@@ -74,31 +74,103 @@ pub struct WallsInput<'a> {
 /// Finds the walls between all cells, by rising ids.
 ///
 /// # Errors
-/// [`Error::Io`], [`Error::TooDense`], [`Error::Interrupted`], and those of [`Volume::read_box`].
+/// As of [`Gathered::of`].
 pub fn walls(input: &WallsInput) -> Result<SpillFile> {
-    let mut held = MemoryReservation::new(input.memory, WALLS);
-    let for_sorting = FOR_WALLS.of(input.job.plan.limit);
-    held.grow_to(for_sorting)?;
-    let room = for_sorting as usize / (size_of::<Chords>() + size_of::<ChordEnd>());
-    let gathered = Gathered {
-        chords: Sorter::new(input.work, room)?,
-        ends: Sorter::new(input.work, room)?,
-    };
-    let pass = Pass {
-        input,
-        scale: ChordScale::new(input.job.grid.header().placement.spacing),
-        gathered: Mutex::new(gathered),
-    };
-    crate::volume::with_voxel_type!(input.volume.header().dtype, T => pass.bands::<T>())?;
-    let Gathered { mut chords, ends } = into_inner(pass.gathered);
-    join_ends(ends, &pass.scale, |chord| chords.push(chord))?;
-    merge(chords, input.work)
+    let mut walls = SpillFile::new(input.work)?;
+    Gathered::of(input)?.each_wall(|_| Ok(()), |bins| walls.push(&[wall_of(bins)]).map(|_| ()))?;
+    walls.mark()?;
+    Ok(walls)
 }
 
-/// What is gathered from all bands.
-struct Gathered {
+/// Chords, and ends of such as pass from band to band, of all bands or from all parts of a volume.
+pub struct Gathered {
     chords: Sorter<Chords>,
     ends: Sorter<ChordEnd>,
+    scale: ChordScale,
+    /// For those that are sorted.
+    _held: MemoryReservation,
+}
+
+impl Gathered {
+    /// Nothing yet; temporary files lie in `work`.
+    ///
+    /// # Errors
+    /// [`Error::Io`], [`Error::TooDense`].
+    pub fn none_yet(job: &Conversion, memory: &Arc<MemoryPool>, work: &Path) -> Result<Self> {
+        let mut held = MemoryReservation::new(memory, WALLS);
+        let for_sorting = FOR_WALLS.of(job.plan.limit);
+        held.grow_to(for_sorting)?;
+        let room = for_sorting as usize / (size_of::<Chords>() + size_of::<ChordEnd>());
+        Ok(Gathered {
+            chords: Sorter::new(work, room)?,
+            ends: Sorter::new(work, room)?,
+            scale: ChordScale::new(job.grid.header().placement.spacing),
+            _held: held,
+        })
+    }
+
+    /// Those of the bands of the layers that are made.
+    ///
+    /// # Errors
+    /// [`Error::Io`], [`Error::TooDense`], [`Error::Interrupted`], and those of [`Volume::read_box`].
+    pub fn of(input: &WallsInput) -> Result<Self> {
+        let gathered = Gathered::none_yet(input.job, input.memory, input.work)?;
+        let pass = Pass {
+            input,
+            scale: gathered.scale,
+            gathered: Mutex::new(gathered),
+        };
+        crate::volume::with_voxel_type!(input.volume.header().dtype, T => pass.bands::<T>())?;
+        Ok(into_inner(pass.gathered))
+    }
+
+    /// Takes chords.
+    ///
+    /// # Errors
+    /// [`Error::Io`].
+    pub fn push(&mut self, chords: Chords) -> Result<()> {
+        self.chords.push(chords)
+    }
+
+    /// Takes the end of a chord.
+    ///
+    /// # Errors
+    /// [`Error::Io`].
+    pub fn push_end(&mut self, end: ChordEnd) -> Result<()> {
+        self.ends.push(end)
+    }
+
+    /// Calls `each` for every wall, by rising ids, with the bins of its chords by rising thickness, of which there is one at
+    /// least; and `open` before that with ends of chords whose other ends may be in other parts of the volume.
+    ///
+    /// # Errors
+    /// [`Error::Io`], and those of `open` and `each`.
+    pub fn each_wall(
+        self,
+        open: impl FnMut(ChordEnd) -> Result<()>,
+        mut each: impl FnMut(&[Chords]) -> Result<()>,
+    ) -> Result<()> {
+        let Gathered {
+            mut chords,
+            ends,
+            scale,
+            _held,
+        } = self;
+        join_ends(ends, &scale, |chord| chords.push(chord), open)?;
+        let mut bins: Vec<Chords> = Vec::new();
+        chords.finish_merged(Chords::merge, |chords| {
+            if bins.last().is_some_and(|last| last.cells != chords.cells) {
+                each(&bins)?;
+                bins.clear();
+            }
+            bins.push(chords);
+            Ok(())
+        })?;
+        match bins.is_empty() {
+            true => Ok(()),
+            false => each(&bins),
+        }
+    }
 }
 
 struct Pass<'a> {
@@ -112,9 +184,9 @@ impl Pass<'_> {
     fn bands<T: Voxel + Default>(&self) -> Result<()> {
         let input = self.input;
         let (job, tiling) = (input.job, input.known.tiling);
-        let [_, bands, layers] = tiling.tiles();
+        let ([_, bands, _], layers) = (tiling.tiles(), job.made);
         job.progress
-            .begin("walls", u64::from(bands) * u64::from(layers));
+            .begin("walls", u64::from(bands) * u64::from(layers.count()));
         let loader = BandLoader {
             volume: input.volume,
             known: input.known,
@@ -122,7 +194,8 @@ impl Pass<'_> {
             cap: false,
             memory: input.memory,
         };
-        let all: Vec<[u32; 2]> = (0..layers)
+        let all: Vec<[u32; 2]> = layers
+            .each()
             .flat_map(|tz| (0..bands).map(move |ty| [ty, tz]))
             .collect();
         // no more bands at once than for meshing
@@ -206,52 +279,42 @@ fn make_one(chords: &mut Vec<Chords>) {
 }
 
 /// Joins the ends of chords that pass from band to band: on each line one that enters is followed by the one that leaves,
-/// unless they are too far apart to count.
+/// unless they are too far apart to count. Along z the first end of a line may be one that leaves, and the last one that
+/// enters: these go on in other parts of the volume. Where an end between them does not count, they are too far apart, too.
 fn join_ends(
     ends: Sorter<ChordEnd>,
     scale: &ChordScale,
     mut each: impl FnMut(Chords) -> Result<()>,
+    mut open: impl FnMut(ChordEnd) -> Result<()>,
 ) -> Result<()> {
+    let mut open = |end: ChordEnd| match end.is_along_z() {
+        true => open(end),
+        false => Ok(()),
+    };
     let mut before: Option<ChordEnd> = None;
     ends.finish(|end| {
-        let enters = before.replace(end);
-        let enters = enters.filter(|b| b.line == end.line && b.leaves == 0 && end.leaves == 1);
-        let chord = enters.and_then(|enters| scale.chord(&enters, &end));
-        chord.map_or(Ok(()), &mut each)
-    })
-}
-
-/// Sums up the walls, by rising ids.
-fn merge(chords: Sorter<Chords>, work: &Path) -> Result<SpillFile> {
-    let mut walls = SpillFile::new(work)?;
-    let mut bins: Vec<Chords> = Vec::new();
-    let mut put = |bins: &mut Vec<Chords>| {
-        if bins.is_empty() {
-            return Ok(());
-        }
-        let wall = wall_of(bins);
-        bins.clear();
-        walls.push(&[wall]).map(|_| ())
-    };
-    chords.finish(|chords| {
-        match bins.last_mut() {
-            Some(last) if last.key() == chords.key() => {
-                last.merge(&chords);
-                return Ok(());
+        match before.replace(end) {
+            Some(enters) if enters.line == end.line => {
+                let is_chord = enters.leaves == 0 && end.leaves == 1;
+                let chord = is_chord.then(|| scale.chord(&enters, &end)).flatten();
+                return chord.map_or(Ok(()), &mut each);
             }
-            Some(last) if last.cells != chords.cells => put(&mut bins)?,
+            Some(last) if last.leaves == 0 => open(last)?,
             _ => {}
         }
-        bins.push(chords);
-        Ok(())
+        match end.leaves {
+            1 => open(end),
+            _ => Ok(()),
+        }
     })?;
-    put(&mut bins)?;
-    walls.mark()?;
-    Ok(walls)
+    match before {
+        Some(last) if last.leaves == 0 => open(last),
+        _ => Ok(()),
+    }
 }
 
 /// The wall with these bins of chords, by rising thickness, of which there is one at least.
-fn wall_of(bins: &[Chords]) -> Wall {
+pub fn wall_of(bins: &[Chords]) -> Wall {
     let sum = |of: fn(&Chords) -> u64| bins.iter().map(of).sum::<u64>();
     let area_steps = sum(|bin| bin.area);
     let half = area_steps as f64 / 2.0;

@@ -27,4 +27,5 @@ pub use join_records::{MergedRecords, merge_split_records};
 pub use meshed::{
     CELLS, COMPONENTS, CellRecord, CellsToMesh, MeshedPart, OBJECTS, SharedCell, write_meshed,
 };
+pub use necks::each_neck;
 pub use surfaces::{CellOwners, merge_surfaces};

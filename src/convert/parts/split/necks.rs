@@ -3,7 +3,7 @@
 use crate::convert::cells::{Opening, opening_of};
 use crate::convert::conversion::Conversion;
 use crate::convert::parts::directory::{Directory, Done, FileSum};
-use crate::convert::parts::records::{PartFiles, shared_file, sum_of};
+use crate::convert::parts::records::{LeftInRound, PartFiles, shared_file, sum_of};
 use crate::convert::parts::split::basins::metric_of;
 use crate::convert::parts::split::cells::{CellsOfPart, MergedCells, NECKS};
 use crate::error::Result;
@@ -11,7 +11,6 @@ use crate::split::{Metric, Neck};
 use crate::sys::sorted_spill::{Keyed, Sorter};
 use crate::sys::spill_file::SpillFile;
 use bytemuck::{Pod, Zeroable};
-use serde::de::IgnoredAny;
 use std::path::Path;
 
 /// Records that are sorted in memory.
@@ -120,15 +119,9 @@ pub fn merge_necks(
 ) -> Result<Vec<FileSum>> {
     let to_opening = Openings::of(job)?;
     let mut all = Sorter::<SharedNeck>::new(dir, ROOM)?;
-    cells.spool(NECKS)?.each(|neck: Neck| {
-        let counted = 0;
-        all.push(SharedNeck { neck, counted })
+    each_shared(LeftInRound { directory, round }, cells, |neck| {
+        all.push(neck)
     })?;
-    for part in 0..directory.parts() {
-        let done: Done<IgnoredAny> = directory.done_by(round, part)?;
-        done.spool(&shared_file(NECKS))?
-            .each(|neck: SharedNeck| all.push(neck))?;
-    }
     let mut files = PartFiles::new(dir, NECKS)?;
     all.finish_merged(SharedNeck::merge, |SharedNeck { neck, counted }| {
         if counted == 0 {
@@ -138,6 +131,32 @@ pub fn merge_necks(
         files.push(&neck)
     })?;
     files.finish(directory.parts())
+}
+
+/// Calls `each` for all necks that are, or may be, known in several places.
+fn each_shared(
+    left: LeftInRound,
+    cells: &Done<MergedCells>,
+    mut each: impl FnMut(SharedNeck) -> Result<()>,
+) -> Result<()> {
+    cells.spool(NECKS)?.each(|neck: Neck| {
+        let counted = 0;
+        each(SharedNeck { neck, counted })
+    })?;
+    left.each(&shared_file(NECKS), each)
+}
+
+/// Calls `each` with the cells of all necks, of some more often than once.
+///
+/// # Errors
+/// [`crate::Error::Io`]; [`crate::Error::Format`] if a file is damaged; those of `each`.
+pub fn each_neck(
+    left: LeftInRound,
+    cells: &Done<MergedCells>,
+    each: &mut dyn FnMut([u64; 2]) -> Result<()>,
+) -> Result<()> {
+    each_shared(left, cells, |shared| each(shared.neck.cells))?;
+    left.each(NECKS, |neck: Neck| each(neck.cells))
 }
 
 /// The openings in the table of a part, of its own necks and those that it was handed.
