@@ -13,6 +13,7 @@ mod sums;
 mod triangles;
 mod vertex;
 mod vertex_buffer;
+mod vertex_shares;
 mod vertices;
 
 pub use assign_pieces::{Piece, PieceIndex, VertexAssignment, assign_vertices};

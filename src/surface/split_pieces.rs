@@ -10,100 +10,129 @@ use crate::strip::{NONE, STRIDE, Triangle};
 use crate::surface::assign_pieces::{Piece, VertexAssignment};
 use crate::surface::edges::Edges;
 use crate::surface::mesher::{BandView, CellsView, Sizes, TileBox, TileMesh};
+use crate::surface::vertex_shares::{LAST, Shares};
 use foldhash::fast::RandomState;
+use std::cmp::Reverse;
 use std::collections::HashMap;
 use std::ops::Range;
 
-/// Bytes of buffers for each crossed edge of a tile whose pieces may be split: what is known of its vertex, and for its two
-/// triangles the cell, its number, the place in the order of cells and the new place.
+/// Bytes of buffers for each crossed edge of a tile whose pieces may be split: what is known of its vertex, of its two
+/// triangles, and of the parts that have it where they are several.
 pub const BYTES_PER_SPLIT_VERTEX: u64 = 128;
 
 /// Splits pieces; its buffers are used again from tile to tile. What they take follows vertices, triangles and parts.
+///
+/// Triangles and vertices are gone through in their order, which is that of places: what is asked of one's neighbours is
+/// near then. Few vertices are in several parts, and only these need more than one number.
 #[derive(Debug, Default)]
 pub struct PieceSplitter {
     /// What is known of the edge of each vertex.
     ends: Vec<End>,
-    /// The cell of each triangle, piece by piece.
-    cell_of: Vec<u64>,
-    /// Numbers of the triangles of each piece, from 0, by their cells.
-    by_cell: Vec<u32>,
-    /// The different cells of a piece.
-    cells: CellList,
-    /// Of each vertex of a piece, its number in the part that is made, or that part.
+    cells: CellNumbers,
+    /// Of each cell the part that was begun last for it.
+    part_of_cell: Vec<u32>,
+    /// Of each vertex the only part that has it, or [`NO_PART`], or [`SEVERAL`].
+    part_of_vertex: Vec<u32>,
+    /// Of each vertex its number in its part; of those that several parts have, the first of its `shares`.
     vertex_of: Vec<u32>,
-    /// Where the triangles of a piece go: the part, and the number in it. The first one is that of none.
-    places: Vec<(u32, u32)>,
-    /// The corners of a part, each once.
-    corners: Vec<u32>,
-    vectors: [Vec<[f32; 3]>; 2],
+    /// The vertices of several parts.
+    shares: Shares,
+    /// Of each triangle, piece by piece, its part and its number in that, from 1.
+    places: Vec<[u32; 2]>,
+    /// The parts of all pieces. Those of a piece stand by their first triangles until it is done, then by their cells.
+    parts: Vec<Piece>,
+    vertices: PartVertices,
     triangles: Vec<Triangle>,
-    pieces: Vec<Piece>,
 }
 
-/// Says of a vertex that a part has it, and not yet its number there.
-const SEEN: u32 = 1 << 31;
+/// No part has the vertex.
+const NO_PART: u32 = u32::MAX;
+/// More than one part has the vertex.
+const SEVERAL: u32 = u32::MAX - 1;
+/// Marks a vertex that the next tile counts, beside the number of its cell.
+const NEXT_TILE: u32 = 1 << 31;
 
-/// The different cells of the triangles of a piece, in any order.
+/// Numbers of the different cells of a tile, in any order.
 #[derive(Debug, Default)]
-struct CellList {
-    /// Which of them each triangle has.
-    which: Vec<u32>,
+struct CellNumbers {
     number_of: HashMap<u64, u32, RandomState>,
-    /// Each with how many triangles it has, later with where its next one goes.
-    counts: Vec<(u64, u32)>,
+    ids: Vec<u64>,
+    /// The one that was asked for last.
+    last: Option<(u64, u32)>,
 }
 
-impl CellList {
-    /// Writes the numbers of triangles, from 0, by rising cells, and by themselves within each: by counting, since there are
-    /// few cells.
-    fn sort(&mut self, cell_of: &[u64], order: &mut [u32]) {
-        self.which.clear();
+impl CellNumbers {
+    fn clear(&mut self) {
         self.number_of.clear();
-        self.counts.clear();
-        let mut last = None;
-        for &cell in cell_of {
-            let number = match last {
-                Some((of, number)) if of == cell => number,
-                _ => self.number(cell),
-            };
-            last = Some((cell, number));
-            self.counts[number as usize].1 += 1;
-            self.which.push(number);
-        }
-        let mut rising: Vec<u32> = (0..self.counts.len() as u32).collect();
-        rising.sort_unstable_by_key(|&number| self.counts[number as usize].0);
-        let mut start = 0;
-        for number in rising {
-            let count = &mut self.counts[number as usize].1;
-            start += std::mem::replace(count, start);
-        }
-        for (t, &number) in (0..).zip(&self.which) {
-            let place = &mut self.counts[number as usize].1;
-            order[*place as usize] = t;
-            *place += 1;
-        }
+        self.ids.clear();
+        self.last = None;
     }
 
     /// The number of a cell, which may be new.
-    fn number(&mut self, cell: u64) -> u32 {
-        let next = self.counts.len() as u32;
-        let number = *self.number_of.entry(cell).or_insert(next);
-        if number == next {
-            self.counts.push((cell, 0));
+    fn number(&mut self, id: u64) -> u32 {
+        match self.last {
+            Some((last, number)) if last == id => number,
+            _ => {
+                let next = self.ids.len() as u32;
+                let number = *self.number_of.entry(id).or_insert(next);
+                if number == next {
+                    self.ids.push(id);
+                }
+                self.last = Some((id, number));
+                number
+            }
         }
-        number
+    }
+}
+
+/// The vertices of all parts.
+#[derive(Debug, Default)]
+struct PartVertices {
+    /// How many of each part there are.
+    counts: Vec<u32>,
+    /// Their positions, and their normals.
+    vectors: [Vec<[f32; 3]>; 2],
+}
+
+impl PartVertices {
+    fn begin(&mut self, parts: usize, vertices: usize) {
+        self.counts.clear();
+        self.counts.resize(parts, 0);
+        for vectors in &mut self.vectors {
+            room(vectors, vertices);
+        }
+    }
+
+    /// Adds a vertex to the part `number`; returns its number there.
+    fn place(&mut self, part: &Piece, number: u32, vectors: [[f32; 3]; 2]) -> u32 {
+        let count = &mut self.counts[number as usize];
+        let at = part.first_vertex + *count;
+        *count += 1;
+        for (all, vector) in self.vectors.iter_mut().zip(vectors) {
+            all[at as usize] = vector;
+        }
+        at - part.first_vertex
     }
 }
 
 /// What is known of a vertex by the lattice edge that it lies on.
 #[derive(Debug, Clone, Copy, Default)]
 struct End {
-    /// The cell at the below end of the edge.
-    cell: u64,
     /// The key of the edge.
     key: u64,
-    /// The next tile counts the vertex.
-    shared: bool,
+    /// The number of the cell at the below end of the edge, with [`NEXT_TILE`].
+    cell: u32,
+}
+
+impl End {
+    fn cell(self) -> u32 {
+        self.cell & !NEXT_TILE
+    }
+
+    /// Whether this tile counts the vertex.
+    fn is_counted(self) -> bool {
+        self.cell & NEXT_TILE == 0
+    }
 }
 
 impl PieceSplitter {
@@ -133,72 +162,32 @@ impl PieceSplitter {
         let mut any = false;
         for piece in &mut out.pieces {
             let ends = &self.ends[piece.first_vertex as usize..][..piece.vertices as usize];
-            piece.given = ends.first().map_or(0, |end| end.cell);
-            any |= ends.iter().any(|end| end.cell != piece.given);
+            let first = ends.first().map_or(0, |end| end.cell());
+            piece.given = ends.first().map_or(0, |_| self.cells.ids[first as usize]);
+            any |= ends.iter().any(|end| end.cell() != first);
         }
         if !any {
             return Ok(());
         }
-        let sizes = self.sort_triangles(out);
+        let ends_of_parts = self.find_parts(out);
+        let sizes = self.lay_out(&ends_of_parts);
         if !(cells.fits)(&sizes) {
             return Err(sizes);
         }
-        let vertices = sizes.vertices as usize;
-        for vectors in &mut self.vectors {
-            vectors.clear();
-            vectors.reserve_exact(vertices);
-        }
-        self.triangles.clear();
-        let faces = self.cell_of.len() + sizes.pieces as usize;
-        self.triangles.reserve_exact(faces);
-        self.pieces.clear();
-        self.pieces.reserve_exact(sizes.pieces as usize);
-        let pieces = std::mem::take(&mut out.pieces);
-        let mut first = 0;
-        for piece in &pieces {
-            let own = first..first + piece.triangles as usize;
-            first = own.end;
-            self.add_parts(piece, own, tile, out);
-        }
-        let faces = self.pieces.last().map_or(0, Piece::end_of_faces);
-        self.triangles.resize(faces as usize, Triangle::default());
-        out.pieces.append(&mut self.pieces);
+        self.make_parts(&ends_of_parts, tile, out);
+        out.pieces.clear();
+        out.pieces.append(&mut self.parts);
         std::mem::swap(&mut out.triangles, &mut self.triangles);
-        out.chunk.begin(self.vectors[0].len());
-        for (to, from) in out.chunk.vectors_mut().into_iter().zip(&self.vectors) {
-            to.copy_from_slice(from);
+        out.chunk.begin(sizes.vertices as usize);
+        for (to, from) in out
+            .chunk
+            .vectors_mut()
+            .into_iter()
+            .zip(&self.vertices.vectors)
+        {
+            to.copy_from_slice(&from[..to.len()]);
         }
         Ok(())
-    }
-
-    /// Sorts the triangles of each piece by their cells, and counts what the parts will have.
-    fn sort_triangles(&mut self, mesh: &TileMesh) -> Sizes {
-        self.cell_of.clear();
-        self.by_cell.clear();
-        let mut sizes = Sizes {
-            vertices: 0,
-            pieces: 0,
-        };
-        for piece in &mesh.pieces {
-            let faces = &mesh.triangles[piece.faces()][1..];
-            let ends = &self.ends[piece.first_vertex as usize..];
-            let first = self.cell_of.len();
-            self.cell_of
-                .extend(faces.iter().map(|face| cell(face, ends)));
-            self.by_cell.resize(self.cell_of.len(), 0);
-            let (cell_of, by_cell) = (&self.cell_of[first..], &mut self.by_cell[first..]);
-            self.cells.sort(cell_of, by_cell);
-            self.vertex_of.clear();
-            self.vertex_of.resize(piece.vertices as usize, u32::MAX);
-            for (number, part) in (0..).zip(parts(by_cell, cell_of)) {
-                sizes.pieces += 1;
-                for corner in part.iter().flat_map(|&t| faces[t as usize].corners()) {
-                    let last = std::mem::replace(&mut self.vertex_of[corner as usize], number);
-                    sizes.vertices += u64::from(last != number);
-                }
-            }
-        }
-        sizes
     }
 
     /// Finds the cell and the key of each vertex.
@@ -209,6 +198,7 @@ impl PieceSplitter {
         cells: &BandCells,
         (edges, assigned): (&Edges, &VertexAssignment),
     ) {
+        self.cells.clear();
         self.ends.clear();
         self.ends.resize(edges.count(), End::default());
         let span = &view.bits.span;
@@ -236,10 +226,10 @@ impl PieceSplitter {
                             + assigned.vertex_of[number];
                         let place = [x as usize, y, z];
                         let shared = (0..3).any(|a| a != axis && tile.shares_upper(a, place[a]));
+                        let cell = self.cells.number(cells.at(row, below[0] + first_x));
                         self.ends[vertex as usize] = End {
-                            cell: cells.at(row, below[0] + first_x),
                             key: key + 3 * u64::from(x) + axis as u64,
-                            shared,
+                            cell: cell | if shared { NEXT_TILE } else { 0 },
                         };
                         number += 1;
                     }
@@ -248,133 +238,246 @@ impl PieceSplitter {
         }
     }
 
-    /// Adds the parts of a piece by the ids of their cells; `own` are its triangles among all.
-    fn add_parts(&mut self, piece: &Piece, own: Range<usize>, tile: &TileBox, from: &TileMesh) {
-        let first = piece.first_vertex as usize;
-        let faces = &from.triangles[piece.faces()][1..];
-        let positions = &from.chunk.numbers().as_chunks::<3>().0[first..];
-        let positions = &positions[..piece.vertices as usize];
-        let by_cell = std::mem::take(&mut self.by_cell);
-        let cell_of = std::mem::take(&mut self.cell_of);
-        let (of_piece, cells) = (&by_cell[own.clone()], &cell_of[own]);
-        self.place(of_piece, cells);
-        self.vertex_of.clear();
-        self.vertex_of.resize(piece.vertices as usize, u32::MAX);
-        let counted_with = counted_with(faces, cells, positions);
-        for (number, part) in (0..).zip(parts(of_piece, cells)) {
-            let cell = cells[part[0] as usize];
-            let mut new = self.new_piece(piece, (number, cell), part, from);
-            let counted = self.corners.iter().filter(|&&v| {
-                counted_with[v as usize] == Some(cell) && !self.ends[first + v as usize].shared
-            });
-            new.sums.vertices = counted.count() as u64;
-            // another way than the mesher's, which is compiled for itself alone
-            self.triangles.push(Triangle::default());
-            for &t in part {
-                let triangle = &faces[t as usize];
-                new.sums.border_edges += on_border(triangle, positions, tile);
-                let moved = self.moved(triangle, number);
-                self.triangles.push(moved);
-            }
-            self.pieces.push(new);
-        }
-        (self.by_cell, self.cell_of) = (by_cell, cell_of);
-    }
-
-    /// Numbers the triangles of a piece, which are sorted by cells, in their parts.
-    fn place(&mut self, by_cell: &[u32], cells: &[u64]) {
+    /// Finds the parts of all pieces with what they count, and the numbers of their triangles. Returns for each piece
+    /// where its parts end.
+    fn find_parts(&mut self, mesh: &TileMesh) -> Vec<u32> {
+        self.parts.clear();
         self.places.clear();
-        self.places.resize(1 + by_cell.len(), (u32::MAX, 0));
-        for (number, part) in (0..).zip(parts(by_cell, cells)) {
-            for (place, &t) in (1..).zip(part) {
-                self.places[1 + t as usize] = (number, place);
+        self.shares.clear();
+        self.part_of_cell.clear();
+        self.part_of_cell.resize(self.cells.ids.len(), NO_PART);
+        self.part_of_vertex.clear();
+        self.part_of_vertex.resize(self.ends.len(), NO_PART);
+        self.vertex_of.clear();
+        self.vertex_of.resize(self.ends.len(), LAST);
+        let positions = mesh.chunk.numbers().as_chunks::<3>().0;
+        let mut ends_of_parts = Vec::with_capacity(mesh.pieces.len());
+        for piece in &mesh.pieces {
+            let faces = &mesh.triangles[piece.faces()][1..];
+            let own = self.places.len();
+            self.part_triangles(piece, faces);
+            self.share_vertices(piece, faces, own, positions);
+            self.count_vertices(piece);
+            ends_of_parts.push(self.parts.len() as u32);
+        }
+        ends_of_parts
+    }
+
+    /// Gives each triangle of a piece to the part of its cell.
+    fn part_triangles(&mut self, piece: &Piece, faces: &[Triangle]) {
+        let before = self.parts.len();
+        let own = piece.first_vertex as usize..(piece.first_vertex + piece.vertices) as usize;
+        let ends = &self.ends[own.clone()];
+        let part_of_vertex = &mut self.part_of_vertex[own];
+        for triangle in faces {
+            let corners = triangle.corners().map(|v| v as usize);
+            let cell = cell(corners.map(|v| ends[v]));
+            let known = &mut self.part_of_cell[cell as usize];
+            if *known == NO_PART || (*known as usize) < before {
+                *known = self.parts.len() as u32;
+                let mut part = Piece::new(piece.object, piece.cell);
+                part.given = self.cells.ids[cell as usize];
+                self.parts.push(part);
+            }
+            let part = *known;
+            let count = &mut self.parts[part as usize].triangles;
+            *count += 1;
+            self.places.push([part, *count]);
+            for v in corners {
+                let known = &mut part_of_vertex[v];
+                *known = match *known == NO_PART || *known == part {
+                    true => part,
+                    false => SEVERAL,
+                };
             }
         }
     }
 
-    /// The part `number` of a piece, of a cell, without its sums; its vertices are added, and numbered.
-    fn new_piece(
+    /// Lists the parts of each vertex of a piece that several of them have; `own` is the place of its first triangle.
+    fn share_vertices(
         &mut self,
         piece: &Piece,
-        (number, cell): (u32, u64),
-        part: &[u32],
-        from: &TileMesh,
-    ) -> Piece {
-        let faces = &from.triangles[piece.faces()][1..];
-        let coordinates = from.chunk.numbers();
-        let normals = 3 * from.chunk.vertices();
-        let mut new = Piece::new(piece.object, piece.cell);
-        new.given = cell;
-        new.first_vertex = self.vectors[0].len() as u32;
-        new.first_triangle = self.triangles.len() as u32;
-        new.triangles = part.len() as u32;
-        self.corners.clear();
-        // a vertex has about six triangles: each once before they are sorted
-        for corner in part.iter().flat_map(|&t| faces[t as usize].corners()) {
-            let last = std::mem::replace(&mut self.vertex_of[corner as usize], SEEN | number);
-            if last != SEEN | number {
-                self.corners.push(corner);
+        faces: &[Triangle],
+        own: usize,
+        positions: &[[f32; 3]],
+    ) {
+        let first = piece.first_vertex as usize;
+        for (triangle, &[part, _]) in faces.iter().zip(&self.places[own..]) {
+            let corners = triangle.corners().map(|v| first + v as usize);
+            if corners.iter().all(|&v| self.part_of_vertex[v] != SEVERAL) {
+                continue;
+            }
+            let cube = cube(corners.map(|v| positions[v]));
+            for v in corners
+                .into_iter()
+                .filter(|&v| self.part_of_vertex[v] == SEVERAL)
+            {
+                self.shares.add(&mut self.vertex_of[v], part, cube);
             }
         }
-        self.corners.sort_unstable();
-        new.vertices = self.corners.len() as u32;
-        for (place, &v) in (0..).zip(&self.corners) {
-            self.vertex_of[v as usize] = place;
-            let at = (piece.first_vertex + v) as usize;
-            new.key = new.key.min(self.ends[at].key);
-            for (vectors, start) in self.vectors.iter_mut().zip([0, normals]) {
-                let numbers = &coordinates[start + 3 * at..][..3];
-                vectors.push([numbers[0], numbers[1], numbers[2]]);
+    }
+
+    /// Counts the vertices of the parts of a piece, and finds their smallest keys.
+    fn count_vertices(&mut self, piece: &Piece) {
+        let parts = &mut self.parts;
+        let mut add = |part: u32, end: End| {
+            let part = &mut parts[part as usize];
+            part.vertices += 1;
+            part.key = part.key.min(end.key);
+        };
+        for v in (piece.first_vertex..).take(piece.vertices as usize) {
+            let v = v as usize;
+            match self.part_of_vertex[v] {
+                NO_PART => {}
+                SEVERAL => self
+                    .shares
+                    .of(self.vertex_of[v])
+                    .for_each(|share| add(share.part, self.ends[v])),
+                part => add(part, self.ends[v]),
             }
         }
-        new
     }
 
-    /// A triangle of the piece with the vertices of part `number`; neighbours in other parts are none.
-    fn moved(&self, triangle: &Triangle, number: u32) -> Triangle {
-        let corners = triangle.corners().map(|v| self.vertex_of[v as usize]);
-        let mates = triangle.mates.map(|mate| {
-            let (part, place) = self.places[(mate / STRIDE) as usize];
-            match part == number {
-                true => STRIDE * place + mate % STRIDE,
-                false => NONE,
+    /// Says where each part is to lie: those of a piece by their cells. Returns what all of them have.
+    fn lay_out(&mut self, ends_of_parts: &[u32]) -> Sizes {
+        let mut order: Vec<u32> = (0..self.parts.len() as u32).collect();
+        let mut first = 0;
+        let (mut vertices, mut triangles) = (0, 0);
+        for &end in ends_of_parts {
+            let own = &mut order[first..end as usize];
+            own.sort_unstable_by_key(|&part| self.parts[part as usize].given);
+            for &part in &*own {
+                let part = &mut self.parts[part as usize];
+                part.first_vertex = vertices as u32;
+                part.first_triangle = triangles;
+                vertices += u64::from(part.vertices);
+                triangles += 1 + part.triangles;
             }
-        });
-        Triangle::new(corners, mates)
+            first = end as usize;
+        }
+        Sizes {
+            vertices,
+            pieces: self.parts.len() as u64,
+        }
+    }
+
+    /// Fills the parts with their vertices and triangles, which have their places by then.
+    fn make_parts(&mut self, ends_of_parts: &[u32], tile: &TileBox, mesh: &TileMesh) {
+        let vertices = self.parts.iter().map(|part| part.vertices as usize).sum();
+        self.vertices.begin(self.parts.len(), vertices);
+        let faces = self.parts.iter().map(Piece::end_of_faces).max();
+        room(&mut self.triangles, faces.unwrap_or(0) as usize);
+        let mut own = 0;
+        for piece in &mesh.pieces {
+            self.place_vertices(piece, mesh);
+            let places = own..own + piece.triangles as usize;
+            own = places.end;
+            self.place_triangles(piece, places, tile, mesh);
+        }
+        let mut first = 0;
+        for &end in ends_of_parts {
+            self.parts[first..end as usize].sort_unstable_by_key(|part| part.given);
+            first = end as usize;
+        }
+    }
+
+    /// Numbers the vertices of a piece in their parts, and counts those that this tile counts.
+    fn place_vertices(&mut self, piece: &Piece, mesh: &TileMesh) {
+        let (positions, normals) = mesh.chunk.numbers().split_at(3 * mesh.chunk.vertices());
+        let from = [positions, normals].map(|numbers| numbers.as_chunks::<3>().0);
+        for v in piece.first_vertex as usize..(piece.first_vertex + piece.vertices) as usize {
+            let counted = u64::from(self.ends[v].is_counted());
+            let vectors = from.map(|vectors| vectors[v]);
+            match self.part_of_vertex[v] {
+                NO_PART => {}
+                SEVERAL => {
+                    let list = self.vertex_of[v];
+                    // ids of parts differ
+                    let last = self
+                        .shares
+                        .of(list)
+                        .max_by_key(|s| (s.cube, Reverse(self.parts[s.part as usize].given)));
+                    let with = last.expect("several parts").part;
+                    self.parts[with as usize].sums.vertices += counted;
+                    let place = |part| {
+                        self.vertices
+                            .place(&self.parts[part as usize], part, vectors)
+                    };
+                    self.shares.number(list, place);
+                }
+                part => {
+                    self.parts[part as usize].sums.vertices += counted;
+                    self.vertex_of[v] =
+                        self.vertices
+                            .place(&self.parts[part as usize], part, vectors);
+                }
+            }
+        }
+    }
+
+    /// Brings the triangles of a piece to their parts; `own` are their places.
+    fn place_triangles(
+        &mut self,
+        piece: &Piece,
+        own: Range<usize>,
+        tile: &TileBox,
+        mesh: &TileMesh,
+    ) {
+        let first = piece.first_vertex as usize;
+        let faces = &mesh.triangles[piece.faces()][1..];
+        let positions = &mesh.chunk.numbers().as_chunks::<3>().0[first..];
+        let places = &self.places[own];
+        for (triangle, &[part, number]) in faces.iter().zip(places) {
+            let corners = triangle.corners().map(|v| {
+                let v = first + v as usize;
+                match self.part_of_vertex[v] == SEVERAL {
+                    true => self.shares.number_in(self.vertex_of[v], part),
+                    false => self.vertex_of[v],
+                }
+            });
+            // across the border of a part is none
+            let mates = triangle.mates.map(|mate| {
+                if mate == NONE {
+                    return NONE;
+                }
+                let [other, place] = places[(mate / STRIDE) as usize - 1];
+                match other == part {
+                    true => STRIDE * place + mate % STRIDE,
+                    false => NONE,
+                }
+            });
+            let part = &mut self.parts[part as usize];
+            part.sums.border_edges += on_border(triangle, positions, tile);
+            self.triangles[(part.first_triangle + number) as usize] = Triangle::new(corners, mates);
+        }
     }
 }
 
-/// The cell of a triangle: that of its vertex with the smallest key.
-fn cell(triangle: &Triangle, ends: &[End]) -> u64 {
-    let corners = triangle.corners().map(|v| ends[v as usize]);
-    let lowest = corners.into_iter().min_by_key(|end| end.key);
-    lowest.expect("three corners").cell
+/// Makes a list at least so long; what it has stays, since it is cleared by nobody for lack of meaning.
+fn room<T: Copy + Default>(list: &mut Vec<T>, length: usize) {
+    if list.capacity() < length {
+        *list = Vec::new();
+        list.reserve_exact(length);
+    }
+    if list.len() < length {
+        list.resize(length, T::default());
+    }
 }
 
-/// The triangles of each cell, of those that are sorted by cells.
-fn parts<'a>(by_cell: &'a [u32], cells: &'a [u64]) -> impl Iterator<Item = &'a [u32]> {
-    by_cell.chunk_by(|&a, &b| cells[a as usize] == cells[b as usize])
+/// The number of the cell of a triangle: that of its vertex with the smallest key.
+fn cell([a, b, c]: [End; 3]) -> u32 {
+    let lower = if b.key < a.key { b } else { a };
+    let lowest = if c.key < lower.key { c } else { lower };
+    lowest.cell()
 }
 
-/// The cell with which each vertex of a piece is counted, `None` of one that no triangle has; `positions` are those of the
-/// vertices, `cells` those of the triangles.
-fn counted_with(triangles: &[Triangle], cells: &[u64], positions: &[[f32; 3]]) -> Vec<Option<u64>> {
-    let mut last: Vec<Option<([u32; 3], u64)>> = vec![None; positions.len()];
-    for (triangle, &cell) in triangles.iter().zip(cells) {
-        let corners = triangle.corners();
-        let ends = corners.map(|v| positions[v as usize]);
+/// The cube of a triangle by its corners, in voxels: z, y and x, 21 bits each.
+fn cube(corners: [[f32; 3]; 3]) -> u64 {
+    let [x, y, z] = [0, 1, 2].map(|a| {
         // no triangle lies in a face of its cube
-        let cube = [2, 1, 0].map(|a| ends[0][a].min(ends[1][a]).min(ends[2][a]) as u32);
-        for v in corners {
-            let known = &mut last[v as usize];
-            if known.is_none_or(|(known, of)| known < cube || known == cube && cell < of) {
-                *known = Some((cube, cell));
-            }
-        }
-    }
-    last.iter()
-        .map(|known| known.map(|(_, cell)| cell))
-        .collect()
+        corners[0][a].min(corners[1][a]).min(corners[2][a]) as u64
+    });
+    (z << 42) | (y << 21) | x
 }
 
 /// Edges of a triangle that lie on the faces of the volume; `positions` are those of its piece.
@@ -389,31 +492,4 @@ fn on_border(triangle: &Triangle, positions: &[[f32; 3]], tile: &TileBox) -> u64
     };
     let edges = (0..3).filter(|&edge| triangle.mates[edge] == NONE && outer(edge));
     edges.count() as u64
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn triangles_are_sorted_as_by_comparing() {
-        let mut seed = 7u64;
-        let mut random = || {
-            seed = seed.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1);
-            seed >> 33
-        };
-        let mut list = CellList::default();
-        for count in 0..200usize {
-            let cells = 1 + random() % 9;
-            let step = [1, u64::MAX / 9][count % 2];
-            let cell_of: Vec<u64> = (0..count)
-                .map(|_| u64::MAX - step * (random() % cells))
-                .collect();
-            let mut found = vec![0; count];
-            list.sort(&cell_of, &mut found);
-            let mut expected: Vec<u32> = (0..count as u32).collect();
-            expected.sort_by_key(|&t| cell_of[t as usize]);
-            assert_eq!(found, expected);
-        }
-    }
 }
