@@ -76,8 +76,9 @@ export class Targets {
 
   free() {
     const { gl } = this;
-    for (const t of [this.faces, this.things, this.depths, this.image]) gl.deleteTexture(t);
+    // frames first: see `aim` of the picture
     for (const f of [this.scene, this.lit]) gl.deleteFramebuffer(f);
+    for (const t of [this.faces, this.things, this.depths, this.image]) gl.deleteTexture(t);
   }
 }
 

@@ -296,8 +296,8 @@ export class Picture {
   }
 }
 
-// Drawing goes to a frame, or to the canvas. Chromium 156 may forget that colours go there once a canvas changed its size
-// early: all stays black, without an error, while it tells that they do.
+// Drawing goes to a frame, or to the canvas. Chromium turns the canvas off, and tells that it is on, where a texture is
+// deleted whose frame is bound for reading alone: see `findings/chromium-draw-buffer-of-the-canvas.sh`.
 function aim(gl, target, onto) {
   gl.bindFramebuffer(target, onto);
   if (!onto) gl.drawBuffers([gl.BACK]);
