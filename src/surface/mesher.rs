@@ -326,15 +326,7 @@ impl TileMesher {
         let (sheets, threshold) = (&self.sheets, settings.threshold);
         place_vertices(&self.edges, view, tile, threshold, sheets, &mut out.chunk);
         let faces = out.pieces.last().map_or(0, Piece::end_of_faces) as usize;
-        if out.triangles.capacity() < faces {
-            // nothing is to be moved; room that no tile comes to use takes no memory
-            out.triangles = Vec::new();
-            out.triangles.reserve_exact(faces + faces / 2);
-        }
-        // what is left of a larger tile stays: to cut it off and clear it again costs time
-        if out.triangles.len() < faces {
-            out.triangles.resize(faces, Triangle::default());
-        }
+        room(&mut out.triangles, faces, faces / 2);
         let cut = MarchInput {
             edges: &self.edges,
             tile,
@@ -352,6 +344,20 @@ impl TileMesher {
             &settings.area,
         );
         Ok(())
+    }
+}
+
+/// Makes a list that tiles use one after the other at least so long, and with room for so many `more` where it has to grow.
+/// What is in it has no meaning.
+pub fn room<T: Copy + Default>(list: &mut Vec<T>, length: usize, more: usize) {
+    if list.capacity() < length {
+        // nothing is to be moved; room that no tile comes to use takes no memory
+        *list = Vec::new();
+        list.reserve_exact(length + more);
+    }
+    // what is left of a larger tile stays: to cut it off and clear it again costs time
+    if list.len() < length {
+        list.resize(length, T::default());
     }
 }
 

@@ -9,7 +9,7 @@ use crate::labels::BandCells;
 use crate::strip::{NONE, STRIDE, Triangle};
 use crate::surface::assign_pieces::{Piece, VertexAssignment};
 use crate::surface::edges::Edges;
-use crate::surface::mesher::{BandView, CellsView, Sizes, TileBox, TileMesh};
+use crate::surface::mesher::{BandView, CellsView, Sizes, TileBox, TileMesh, room};
 use crate::surface::vertex_shares::{LAST, Shares};
 use foldhash::fast::RandomState;
 use std::cmp::Reverse;
@@ -39,7 +39,7 @@ pub struct PieceSplitter {
     shares: Shares,
     /// Of each triangle, piece by piece, its part and its number in that, from 1.
     places: Vec<[u32; 2]>,
-    /// The parts of all pieces. Those of a piece stand by their first triangles until it is done, then by their cells.
+    /// The parts of all pieces. Those of a piece stand by their first triangles until all are filled, then by their cells.
     parts: Vec<Piece>,
     vertices: PartVertices,
     triangles: Vec<Triangle>,
@@ -99,7 +99,7 @@ impl PartVertices {
         self.counts.clear();
         self.counts.resize(parts, 0);
         for vectors in &mut self.vectors {
-            room(vectors, vertices);
+            room(vectors, vertices, 0);
         }
     }
 
@@ -174,7 +174,7 @@ impl PieceSplitter {
         if !(cells.fits)(&sizes) {
             return Err(sizes);
         }
-        self.make_parts(&ends_of_parts, tile, out);
+        self.make_parts(&sizes, tile, out);
         out.pieces.clear();
         out.pieces.append(&mut self.parts);
         std::mem::swap(&mut out.triangles, &mut self.triangles);
@@ -362,11 +362,11 @@ impl PieceSplitter {
     }
 
     /// Fills the parts with their vertices and triangles, which have their places by then.
-    fn make_parts(&mut self, ends_of_parts: &[u32], tile: &TileBox, mesh: &TileMesh) {
-        let vertices = self.parts.iter().map(|part| part.vertices as usize).sum();
-        self.vertices.begin(self.parts.len(), vertices);
+    fn make_parts(&mut self, sizes: &Sizes, tile: &TileBox, mesh: &TileMesh) {
+        self.vertices
+            .begin(self.parts.len(), sizes.vertices as usize);
         let faces = self.parts.iter().map(Piece::end_of_faces).max();
-        room(&mut self.triangles, faces.unwrap_or(0) as usize);
+        room(&mut self.triangles, faces.unwrap_or(0) as usize, 0);
         let mut own = 0;
         for piece in &mesh.pieces {
             self.place_vertices(piece, mesh);
@@ -374,11 +374,7 @@ impl PieceSplitter {
             own = places.end;
             self.place_triangles(piece, places, tile, mesh);
         }
-        let mut first = 0;
-        for &end in ends_of_parts {
-            self.parts[first..end as usize].sort_unstable_by_key(|part| part.given);
-            first = end as usize;
-        }
+        self.parts.sort_unstable_by_key(|part| part.first_triangle);
     }
 
     /// Numbers the vertices of a piece in their parts, and counts those that this tile counts.
@@ -450,17 +446,6 @@ impl PieceSplitter {
             part.sums.border_edges += on_border(triangle, positions, tile);
             self.triangles[(part.first_triangle + number) as usize] = Triangle::new(corners, mates);
         }
-    }
-}
-
-/// Makes a list at least so long; what it has stays, since it is cleared by nobody for lack of meaning.
-fn room<T: Copy + Default>(list: &mut Vec<T>, length: usize) {
-    if list.capacity() < length {
-        *list = Vec::new();
-        list.reserve_exact(length);
-    }
-    if list.len() < length {
-        list.resize(length, T::default());
     }
 }
 

@@ -7,7 +7,7 @@ use alvis::convert::{ConvertOptions, RegionOfInterest};
 use alvis::grid::{Ambiguous, Crop, Cylinder, Dims, Dtype, Fill, Shape};
 use alvis::manifest::{Encoding, Layout, Primitives};
 use alvis::progress::Quiet;
-use alvis::volume::{OpenOptions, RegionVoxels, Volume, open, statistics};
+use alvis::volume::{MemoryVolume, OpenOptions, RegionVoxels, Volume, open, statistics};
 
 /// In 1, 2, 3, 7 parts and one for each layer, as far as there are as many layers.
 pub fn same_in_parts(volume: &dyn Volume, options: &ConvertOptions, what: &str) -> Files {
@@ -32,6 +32,19 @@ pub fn same_in_parts_of(
         assert_same_files(&whole, &made, &what);
     }
     whole
+}
+
+/// Some small size for a test of random volumes.
+pub fn random_dims(random: &mut Random) -> [u32; 3] {
+    [0; 3].map(|_| 4 + (random.bits() % 18) as u32)
+}
+
+/// A volume that lies somewhere for each fifth seed.
+pub fn of_seed(seed: u64, dims: [u32; 3], values: Vec<u8>) -> MemoryVolume<u8> {
+    match seed % 5 {
+        0 => placed(dims, values),
+        _ => volume(dims, values),
+    }
 }
 
 /// Noise of which a voxel is above with a chance of `share`.
@@ -208,7 +221,7 @@ fn parts_of_a_crop_and_a_region_are_the_single_run() {
 fn parts_of_random_volumes_are_the_single_run() {
     for seed in 0..12u64 {
         let mut random = Random(seed);
-        let dims = [0; 3].map(|_| 4 + (random.bits() % 18) as u32);
+        let dims = random_dims(&mut random);
         let share = random.unit();
         let volume = volume(dims, sparse(dims, share, seed));
         let options = ConvertOptions {

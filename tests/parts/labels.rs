@@ -1,6 +1,6 @@
 //! Cells that labels give: whole trees of files, of many volumes. Parts read the labels of their own slices.
 
-use super::bytes::{cropped_cylinders, shapes, sparse};
+use super::bytes::{cropped_cylinders, of_seed, random_dims, shapes, sparse};
 use super::{in_parts, plan};
 use crate::common::volumes::{Random, foam, late_joins, placed, samples, volume};
 use crate::common::{assert_same_files, converted, files, options};
@@ -176,15 +176,12 @@ fn parts_of_random_labelled_volumes_are_the_single_run() {
     let mut openings = 0;
     for seed in 0..24u64 {
         let mut random = Random(seed);
-        let dims = [0; 3].map(|_| 4 + (random.bits() % 18) as u32);
+        let dims = random_dims(&mut random);
         let values = match seed % 3 {
             0 => foam(dims, seed),
             _ => sparse(dims, random.unit(), seed),
         };
-        let volume = match seed % 5 {
-            0 => placed(dims, values),
-            _ => volume(dims, values),
-        };
+        let volume = of_seed(seed, dims, values);
         let options = ConvertOptions {
             cap: seed % 3 == 0,
             min_voxels: seed % 4 * 3,

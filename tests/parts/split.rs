@@ -1,6 +1,8 @@
 //! Cells that are split at their necks: whole trees of files, of many volumes.
 
-use super::bytes::{cropped_cylinders, same_in_parts, same_in_parts_of, shapes, sparse};
+use super::bytes::{
+    cropped_cylinders, of_seed, random_dims, same_in_parts, same_in_parts_of, shapes, sparse,
+};
 use super::{in_parts, layers};
 use crate::common::volumes::{Random, foam, late_joins, noise, placed, samples, volume};
 use crate::common::{assert_same_files, converted, data, files, options};
@@ -148,16 +150,13 @@ fn parts_of_random_split_volumes_are_the_single_run() {
     let mut necks = 0;
     for seed in 0..24u64 {
         let mut random = Random(seed);
-        let dims = [0; 3].map(|_| 4 + (random.bits() % 18) as u32);
+        let dims = random_dims(&mut random);
         let share = random.unit() * random.unit();
         let values = match seed % 2 {
             0 => sparse(dims, share, seed),
             _ => leaky(dims, seed),
         };
-        let volume = match seed % 5 {
-            0 => placed(dims, values),
-            _ => volume(dims, values),
-        };
+        let volume = of_seed(seed, dims, values);
         let rule = NeckRule {
             ratio_permille: [600, 800, 1000][(seed % 3) as usize],
             h_256: [0, 128][(seed % 2) as usize],

@@ -1,7 +1,9 @@
 //! Walls between cells: whole trees of files, of many volumes. Lines go from part to part, through several where layers are
 //! lower than walls are thick.
 
-use super::bytes::{cropped_cylinders, same_in_parts, same_in_parts_of, shapes, sparse};
+use super::bytes::{
+    cropped_cylinders, of_seed, random_dims, same_in_parts, same_in_parts_of, shapes, sparse,
+};
 use super::in_parts;
 use super::labels::{self, blocks, scattered};
 use super::split::leaky;
@@ -169,16 +171,13 @@ fn parts_of_random_volumes_with_walls_are_the_single_run() {
     let mut found = 0;
     for seed in 0..20u64 {
         let mut random = Random(seed);
-        let dims = [0; 3].map(|_| 4 + (random.bits() % 18) as u32);
+        let dims = random_dims(&mut random);
         let values = match seed % 3 {
             0 => sparse(dims, random.unit(), seed),
             1 => leaky(dims, seed),
             _ => foam(dims, seed),
         };
-        let volume = match seed % 5 {
-            0 => placed(dims, values),
-            _ => volume(dims, values),
-        };
+        let volume = of_seed(seed, dims, values);
         let options = ConvertOptions {
             min_voxels: seed % 4 * 3,
             walls: true,

@@ -44,8 +44,15 @@ fn inputs() -> tempfile::TempDir {
     dir
 }
 
-/// Compares two and five parts with one process; `more` are options.
-fn same_in_parts(dir: &Path, more: &str) {
+/// Compares two and five parts with one process, with each of these options.
+fn same_in_parts(options: &[&str]) {
+    let dir = inputs();
+    for more in options {
+        same_with(dir.path(), more);
+    }
+}
+
+fn same_with(dir: &Path, more: &str) {
     let options =
         format!("foam.mhd out --threshold otsu --unit mm --macrocube 16,16,8 --quiet {more}");
     let fresh = || match std::fs::remove_dir_all(dir.join("out")) {
@@ -69,37 +76,28 @@ fn same_in_parts(dir: &Path, more: &str) {
 
 #[test]
 fn parts_of_filtered_volumes_with_labels_are_the_single_run() {
-    let dir = inputs();
-    for more in [
+    same_in_parts(&[
         "--labels labels.mhd --smooth 1",
         "--labels labels.mhd --median 1 --min-voxels 5 --walls",
         "--labels labels.mhd --median 2 --smooth 0.7,1,2 --cap --crop 3:,:35,5:57",
-    ] {
-        same_in_parts(dir.path(), more);
-    }
+    ]);
 }
 
 #[test]
 fn parts_of_a_region_with_labels_are_the_single_run() {
-    let dir = inputs();
-    for more in [
+    same_in_parts(&[
         "--labels labels.mhd --roi mask:mask.mhd",
         "--labels labels.mhd --roi mask:mask.mhd --roi-fill air --median 1 --walls",
         "--labels labels.mhd --roi cylinder:21,20,15 --smooth 1 --crop 3:,:35,5:57",
-    ] {
-        same_in_parts(dir.path(), more);
-    }
+    ]);
 }
 
 #[test]
 fn parts_of_split_filtered_regions_are_the_single_run() {
-    let dir = inputs();
-    for more in [
+    same_in_parts(&[
         "--split --roi mask:mask.mhd --smooth 0.8 --walls",
         "--split 0.95 --roi cylinder:21,20,15 --median 1 --roi-fill air",
-    ] {
-        same_in_parts(dir.path(), more);
-    }
+    ]);
 }
 
 /// What a filter makes of a volume of labels would be no labels, so it is of the volume alone; and another mask is another plan.

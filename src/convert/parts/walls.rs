@@ -12,7 +12,7 @@ use crate::convert::parts::records::{
 use crate::convert::parts::split::CellOwners;
 use crate::convert::parts::work::PartWork;
 use crate::convert::walls::{
-    CellWalls, Gathered, Neighbours, Wall, WallsInput, WallsOfCell, wall_of,
+    AreaSteps, CellWalls, Gathered, Neighbours, Wall, WallsInput, WallsOfCell, wall_of,
 };
 use crate::error::Result;
 use crate::measure::RecordTable;
@@ -36,8 +36,7 @@ const OF_CELLS: &str = "walls-of-cells";
 #[derive(Debug, Clone, Copy, Pod, Zeroable)]
 struct Area {
     cell: u64,
-    /// The low half and the high one.
-    steps: [u64; 2],
+    area: AreaSteps,
 }
 
 /// Finds the walls of a part, of which `shared` lists the cells that may lie in others, too.
@@ -73,8 +72,8 @@ pub fn write_areas(components: &Components, dir: &Path) -> Result<FileSum> {
         let area = components.cells.get(place)?.mesh.area;
         if area > 0 {
             let cell = components.id_of_cell(place);
-            let steps = [area as u64, (area >> 64) as u64];
-            areas.push(&[Area { cell, steps }])?;
+            let area = area.into();
+            areas.push(&[Area { cell, area }])?;
         }
     }
     Ok(sum_of(AREAS, areas.mark()?))
@@ -98,10 +97,7 @@ pub fn merge_walls(
     let mut found = Neighbours::new(dir)?;
     gathered.each_wall(|_| Ok(()), |bins| found.add_wall(wall_of(bins)))?;
     left.each(&own_file(WALLS), |wall: Wall| found.add_wall(wall))?;
-    left.each(AREAS, |Area { cell, steps }| {
-        let area = u128::from(steps[1]) << 64 | u128::from(steps[0]);
-        found.add_cell(cell, area)
-    })?;
+    left.each(AREAS, |Area { cell, area }| found.add_cell(cell, area))?;
     openings(&mut |cells| found.add_opening(cells))?;
     let mut walls = PartFiles::new(dir, WALLS)?;
     let mut of_cells = PartFiles::new(dir, OF_CELLS)?;

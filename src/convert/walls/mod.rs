@@ -6,7 +6,7 @@
 
 mod of_cells;
 
-pub use of_cells::{CellWalls, JudgedWall, Neighbours, WallsOfCell, add_walls};
+pub use of_cells::{AreaSteps, CellWalls, JudgedWall, Neighbours, WallsOfCell, add_walls};
 
 use crate::convert::conversion::Conversion;
 use crate::convert::known_band::KnownBands;

@@ -98,26 +98,33 @@ impl Keyed for WallOfCell {
     }
 }
 
+/// An area as [`AreaScale`] counts it, in a record of a file: the low half and the high one.
+#[repr(C)]
+#[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
+pub struct AreaSteps([u64; 2]);
+
+impl From<u128> for AreaSteps {
+    fn from(area: u128) -> Self {
+        AreaSteps([area as u64, (area >> 64) as u64])
+    }
+}
+
+impl From<AreaSteps> for u128 {
+    fn from(AreaSteps([low, high]): AreaSteps) -> Self {
+        u128::from(high) << 64 | u128::from(low)
+    }
+}
+
 /// A wall of a cell and what is known of the cell, or, without a wall, a part of that.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, Pod, Zeroable)]
 struct AtCell {
     wall: Wall,
     cell: u64,
-    /// Area of its surface, as [`AreaScale`] counts it: the low half and the high one.
-    area: [u64; 2],
+    /// Area of its surface.
+    area: AreaSteps,
     /// Median thickness of its walls.
     thickness: f64,
-}
-
-impl AtCell {
-    fn area(&self) -> u128 {
-        u128::from(self.area[1]) << 64 | u128::from(self.area[0])
-    }
-
-    fn set_area(&mut self, area: u128) {
-        self.area = [area as u64, (area >> 64) as u64];
-    }
 }
 
 impl Keyed for AtCell {
@@ -153,7 +160,8 @@ pub fn add_walls(
     let known = &*components;
     let mut found = Neighbours::new(work)?;
     for at in 0..known.cells.len() {
-        found.add_cell(known.id_of_cell(at), known.cells.get(at)?.mesh.area)?;
+        let area = known.cells.get(at)?.mesh.area;
+        found.add_cell(known.id_of_cell(at), area.into())?;
     }
     if let Some(given) = &known.given {
         let openings = &given.cells.openings;
@@ -198,11 +206,10 @@ impl Neighbours {
         })
     }
 
-    /// Takes the area of the surface of a cell, or of a part of it, as [`AreaScale`] counts it.
-    pub fn add_cell(&mut self, cell: u64, area: u128) -> Result<()> {
+    /// Takes the area of the surface of a cell, or of a part of it.
+    pub fn add_cell(&mut self, cell: u64, area: AreaSteps) -> Result<()> {
         let mut known = AtCell::zeroed();
-        known.cell = cell;
-        known.set_area(area);
+        (known.cell, known.area) = (cell, area);
         self.at_cells.push(known)
     }
 
@@ -312,7 +319,7 @@ fn each_with_cells(
             known.cell = at.cell;
         }
         if at.wall.cells == [0; 2] {
-            known.set_area(known.area() + at.area());
+            known.area = (u128::from(known.area) + u128::from(at.area)).into();
             known.thickness = known.thickness.max(at.thickness);
             return Ok(());
         }
@@ -352,7 +359,7 @@ impl NeighbourRule {
     /// True if a wall is large enough, and not much thicker than the walls of both its cells.
     fn holds(&self, sides: &[AtCell; 2]) -> bool {
         let wall = sides[0].wall;
-        let [a, b] = sides.map(|side| self.scale.area(side.area()));
+        let [a, b] = sides.map(|side| self.scale.area(side.area.into()));
         let thicker = sides[0].thickness.max(sides[1].thickness);
         let least = self.least.max(LEAST_PART * a.min(b));
         wall.area(self.spacing) >= least && wall.thickness <= MOST_TIMES * thicker
