@@ -76,7 +76,8 @@ export class Targets {
 
   free() {
     const { gl } = this;
-    // frames first: see `aim` of the picture
+    // frames first: where one that is bound for reading alone loses its texture, Chromium turns off the canvas, see
+    // `findings/chromium-draw-buffer-of-the-canvas.sh`
     for (const f of [this.scene, this.lit]) gl.deleteFramebuffer(f);
     for (const t of [this.faces, this.things, this.depths, this.image]) gl.deleteTexture(t);
   }

@@ -137,7 +137,7 @@ export class Picture {
       return;
     }
     gl.bindVertexArray(this.screen);
-    aim(gl, gl.FRAMEBUFFER, onto);
+    gl.bindFramebuffer(gl.FRAMEBUFFER, onto);
     gl.useProgram(this.programs.SMOOTH.made);
     bind(gl, this.programs.SMOOTH, { image: targets.image });
     gl.drawArrays(gl.TRIANGLES, 0, 3);
@@ -149,7 +149,7 @@ export class Picture {
     const { gl } = this;
     gl.bindVertexArray(null);
     gl.bindFramebuffer(gl.READ_FRAMEBUFFER, lit);
-    aim(gl, gl.DRAW_FRAMEBUFFER, onto);
+    gl.bindFramebuffer(gl.DRAW_FRAMEBUFFER, onto);
     gl.blitFramebuffer(0, 0, width, height, 0, 0, width, height, gl.COLOR_BUFFER_BIT, gl.NEAREST);
   }
 
@@ -294,13 +294,6 @@ export class Picture {
     }
     return found;
   }
-}
-
-// Drawing goes to a frame, or to the canvas. Chromium turns the canvas off, and tells that it is on, where a texture is
-// deleted whose frame is bound for reading alone: see `findings/chromium-draw-buffer-of-the-canvas.sh`.
-function aim(gl, target, onto) {
-  gl.bindFramebuffer(target, onto);
-  if (!onto) gl.drawBuffers([gl.BACK]);
 }
 
 /** Gives a canvas a size in pixels; what is on it stays if it has that already. */
