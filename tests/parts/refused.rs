@@ -366,6 +366,18 @@ fn damaged_files_of_cells_that_labels_give_are_found_or_not_needed() {
     damaged_files_are_found_or_not_needed(&volume, &options);
 }
 
+#[test]
+fn damaged_files_of_walls_are_found_or_not_needed() {
+    let (volume, options) = small();
+    let options = ConvertOptions {
+        min_voxels: 1,
+        split: Some(NeckRule::default()),
+        walls: true,
+        ..options
+    };
+    damaged_files_are_found_or_not_needed(&volume, &options);
+}
+
 fn damaged_files_are_found_or_not_needed(volume: &MemoryVolume<u8>, options: &ConvertOptions) {
     let (whole, _) = converted(volume, options);
     let whole: Files = files(whole.path());
