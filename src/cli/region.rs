@@ -96,6 +96,14 @@ pub struct Roi {
     pub warnings: Vec<String>,
 }
 
+/// A form, with what tells one mask from another of the same name.
+fn with_checksum(shape: &Shape) -> String {
+    match shape {
+        Shape::Cylinder(_) => shape.to_string(),
+        Shape::Mask { checksum, .. } => format!("{shape} ({checksum})"),
+    }
+}
+
 impl RegionArgs {
     /// Names of the options that are given.
     pub fn names(&self) -> impl Iterator<Item = &'static str> {
@@ -192,8 +200,8 @@ impl RegionArgs {
             (Shape::Mask { .. }, Some(RegionArg::Mask(path))) => {
                 let (found, voxels) = read_mask(path, (volume, None), memory, progress)?;
                 if found != stated.shape {
-                    let expected = format!("the mask as it was: {}", stated.shape);
-                    return Err(Error::usage("--roi", found.to_string(), expected));
+                    let expected = format!("the mask as it was: {}", with_checksum(&stated.shape));
+                    return Err(Error::usage("--roi", with_checksum(&found), expected));
                 }
                 voxels
             }

@@ -114,4 +114,9 @@ fn another_mask_beside_labels_is_refused() {
     let line = ["work", "out", "--part", "1", "--quiet"];
     let refused = fails(dir, &line);
     assert!(refused.contains("the mask as it was"), "{refused}");
+    let checksums = refused.split("(crc32:").skip(1).map(|rest| &rest[..8]);
+    let [found, expected] = checksums.collect::<Vec<_>>()[..] else {
+        panic!("{refused}");
+    };
+    assert_ne!(found, expected);
 }
