@@ -1,7 +1,7 @@
 // How the values of a column are spread, with a brush that chooses.
 import { h } from "./dom.js";
 import { many, number } from "./format.js";
-import { colourOf, shares } from "./look.js";
+import { barColour, shares } from "./look.js";
 
 const BINS = 64;
 
@@ -15,6 +15,16 @@ export function counted(values, use, { low, high, log }) {
     if (at >= 0 && at <= BINS) bins[Math.min(at, BINS - 1)]++;
   }
   return bins;
+}
+
+function valueAt({ least, most, log }, share) {
+  return log ? least * (most / least) ** share : least + share * (most - least);
+}
+
+/** The least, the middle and the largest value of a bar; those of the outermost are the ends, whatever rounding does. */
+function barOf(data, i) {
+  const at = (k) => valueAt(data, k / BINS);
+  return [i === 0 ? data.least : at(i), at(i + 0.5), i === BINS - 1 ? data.most : at(i + 1)];
 }
 
 export class Histogram {
@@ -31,7 +41,7 @@ export class Histogram {
     new ResizeObserver(() => this.draw()).observe(this.element);
   }
 
-  /** `data`: {bins, least, most, log, colour(value) or null}, or {only: text} where there is nothing to spread. */
+  /** `data`: {bins, least, most, log, colour(least, middle, largest) of a bar or null}, or {only: text} where there is nothing to spread. */
   show(data) {
     this.data = data;
     this.draw();
@@ -48,8 +58,7 @@ export class Histogram {
   }
 
   value(share) {
-    const { least, most, log } = this.data;
-    return log ? least * (most / least) ** share : least + share * (most - least);
+    return valueAt(this.data, share);
   }
 
   down(event) {
@@ -107,8 +116,7 @@ export class Histogram {
     const most = Math.max(...data.bins, 1);
     const step = width / BINS;
     data.bins.forEach((n, i) => {
-      const colour = data.colour ? `rgb(${data.colour(this.value((i + 0.5) / BINS)).join()})` : soft;
-      context.fillStyle = colour;
+      context.fillStyle = data.colour ? `rgb(${data.colour(...barOf(data, i)).join()})` : soft;
       const tall = n === 0 ? 0 : Math.max((n / most) * (floor - 4), 1.5);
       context.fillRect(i * step + 0.5, floor - tall, step - 1, tall);
     });
@@ -143,5 +151,5 @@ export function spread(values, use, { log, scale, one, more }) {
   }
   if (!(least < most)) return { only: least === most ? `All have ${number(least)}.` : "There are no values." };
   const bins = counted(values, use, { low: least, high: most, log });
-  return { bins, least, most, log, one, more, colour: colourOf(scale) };
+  return { bins, least, most, log, one, more, colour: barColour(scale) };
 }

@@ -155,12 +155,12 @@ export function limitsOf(sorted, { log, low, high }) {
   return { low: ends[0], high: ends[1], log, least: at(0), most: at(1) };
 }
 
-/** The colour of a value as the scale of a look has it; null without a scale. */
-export function colourOf(scale) {
-  if (scale?.by === "best") return (x) => (x >= scale.best ? BEST.rgb : x <= scale.worst ? WORST.rgb : EMPTY);
+/** The colour of a bar of values as the scale of a look has it, of the best if one of them is in it; null without a scale. */
+export function barColour(scale) {
+  if (scale?.by === "best") return (least, _, largest) => (largest >= scale.best ? BEST.rgb : least <= scale.worst ? WORST.rgb : EMPTY);
   if (scale?.by !== "column") return null;
   const share = shares(scale);
-  return (x) => mapped(scale.map, share(x));
+  return (_, middle) => mapped(scale.map, share(middle));
 }
 
 /** The share of a value between the ends, which may be turned round. */

@@ -9,6 +9,9 @@ export class Refused extends Error {
   }
 }
 
+/** How often, and after how many ms, a server that has no connection left is asked again. */
+const AGAIN = { times: 20, ms: 250 };
+
 const GONE = "Nobody answers any more. Is alvis view still running in the terminal?";
 
 export class Server {
@@ -20,6 +23,17 @@ export class Server {
   }
 
   async get(path, signal) {
+    for (let tries = 0; ; tries++) {
+      try {
+        return await this.once(path, signal);
+      } catch (error) {
+        if (error.status !== 503 || tries === AGAIN.times) throw error;
+      }
+      await new Promise((resolve) => setTimeout(resolve, AGAIN.ms));
+    }
+  }
+
+  async once(path, signal) {
     this.counts.requests++;
     let answer;
     let body;

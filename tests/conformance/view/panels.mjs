@@ -204,6 +204,10 @@ async function layouts({ open }) {
     assert(!handle, `${size}: the page is larger than the window`);
     await session.key("Escape");
     await session.key("Escape");
+    await tab.keyboard.press("?");
+    const columns = await tab.locator("#help .columns > div").evaluateAll((all) => new Set(all.map((e) => e.offsetLeft)).size);
+    assert.equal(columns, width >= 800 ? 2 : 1, `${size}: columns of the help`);
+    await tab.keyboard.press("?");
   }
   await tab.setViewportSize(before);
   await session.close();

@@ -397,6 +397,25 @@ async function limits({ open, context, servers }) {
   await slow.close();
 }
 
+// A server without a connection left is asked again.
+async function busy({ context, servers }) {
+  const tab = await context.newPage();
+  const asked = new Map();
+  await tab.route(/\/(tile|set\.json|tree\.bin)/, async (route) => {
+    const url = route.request().url();
+    asked.set(url, (asked.get(url) ?? 0) + 1);
+    if (asked.get(url) < 3) await route.fulfill({ status: 503, contentType: "application/json", body: '{"error": "busy"}' });
+    else await route.continue();
+  });
+  await tab.goto(servers.get("blender").address);
+  const get = (name) => tab.evaluate((n) => window.alvis?.[n], name);
+  for (let i = 0; i < 400 && (await get("phase")) !== "complete"; i++) await nap(50);
+  assert.equal(await get("phase"), "complete");
+  assert(asked.size > 20 && [...asked.values()].every((n) => n === 3), JSON.stringify([...asked]));
+  assert.equal(await tab.locator(".message.bad").count(), 0);
+  await tab.close();
+}
+
 // A set of thousands of blocks: one draw for each that is seen, and no more.
 async function many({ open, at }) {
   const whole = manifestOf(at("many")).totals;
@@ -509,6 +528,7 @@ export const PARTS = [
   ["a saved picture is the one on the screen", saved],
   ["thousands of blocks, of which those in view are drawn", many],
   ["a small card, and requests that are given up", limits],
+  ["a server that is busy is asked again", busy],
   ["noise in merged tiles", noise],
   ["sets that are empty, damaged or changed, and a wrong address", troubles],
   ["a lost card comes back", lostCard],
