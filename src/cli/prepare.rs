@@ -4,7 +4,6 @@ use super::convert::{ConvertArgs, understood};
 use super::input::Input;
 use super::labels::{known_labels, labels_of_parts, read_labels};
 use super::progress::Console;
-use super::region::Roi;
 use super::threshold::Threshold;
 use crate::convert::parts::{Asked, check_plan};
 use crate::convert::{self, ConvertOptions};
@@ -87,64 +86,85 @@ impl ConvertArgs {
         console.listen();
         let opened = self.options.filters.apply(opened)?;
         let mut options = self.of_opened(&opened, stamp)?;
-        let (volume, frame) = (&*opened.volume, opened.provenance.frame);
-        let region = &self.options.region;
         if let Purpose::Known(known) = purpose {
-            options.threshold = known.threshold;
-            options.region = match &known.region {
-                Some(stated) => Some(region.find_again(stated, volume, options.memory, console)?),
-                None => None,
-            };
-            options.labels = match (&self.labels, &known.labels) {
-                (Some(path), Some(sums)) => Some(known_labels(path, volume.header().dims, sums)?),
-                _ => None,
-            };
+            self.set_known(&mut options, &opened, known, console)?;
             return Ok(Prepared::of(opened, options));
         }
         let how = match self.threshold {
             Threshold::Value(_) => String::new(),
             Threshold::Method(method) => format!(" ({})", method.how()),
         };
-        if !how.is_empty() || self.options.region.roi.is_some() || self.labels.is_some() {
+        let in_region = self.options.region.roi.is_some();
+        if !how.is_empty() || in_region || self.labels.is_some() {
             // these read the volume: not for a conversion that is refused then
-            let in_region = self.options.region.roi.is_some();
+            let volume = &*opened.volume;
             match purpose {
                 Purpose::Plan => check_plan(volume, &options, in_region, out)?,
                 _ => convert::check_before(volume, &options, in_region, out)?,
             }
         }
-        let roi = region.find(
-            (volume, frame),
-            options.crop.as_ref(),
-            options.memory,
-            console,
-        )?;
-        let doubts = roi
-            .as_ref()
-            .map_or(Vec::new(), |roi| roi.warnings().to_vec());
-        doubts.iter().for_each(|warning| console.warn(warning));
-        let inside = roi.as_ref().map(|roi| &roi.voxels);
-        options.threshold = self.threshold.find(volume, inside, &path, console)?;
-        let found = roi.as_ref().map(Roi::text);
-        options.region = match roi {
-            Some(roi) => {
-                let crop = options.crop.as_ref();
-                Some(roi.at_threshold(volume, options.threshold, crop, console)?)
-            }
-            None => None,
-        };
-        let (place, memory) = ((volume, frame), options.memory);
+        let roi = self.set_found(&mut options, &opened, &path, console)?;
+        let place = (&*opened.volume, opened.provenance.frame);
         options.labels = match (&self.labels, purpose) {
-            (Some(path), Purpose::Plan) => Some(labels_of_parts(path, place, memory, console)?),
-            (Some(path), _) => Some(read_labels(path, place, memory, console)?),
+            (Some(path), Purpose::Plan) => {
+                Some(labels_of_parts(path, place, options.memory, console)?)
+            }
+            (Some(path), _) => Some(read_labels(path, place, options.memory, console)?),
             (None, _) => None,
         };
+        let (doubts, found) = roi.unzip();
         let understood = understood(&opened, &options, found, &how)?;
         Ok(Prepared {
-            doubts,
+            doubts: doubts.unwrap_or_default(),
             understood,
             how,
             ..Prepared::of(opened, options)
         })
+    }
+
+    /// Takes threshold, region and labels of a plan.
+    fn set_known(
+        &self,
+        options: &mut ConvertOptions,
+        opened: &Opened,
+        known: &Asked,
+        console: &Console,
+    ) -> Result<()> {
+        let (volume, region) = (&*opened.volume, &self.options.region);
+        options.threshold = known.threshold;
+        options.region = match &known.region {
+            Some(stated) => Some(region.find_again(stated, volume, options.memory, console)?),
+            None => None,
+        };
+        options.labels = match (&self.labels, &known.labels) {
+            (Some(path), Some(sums)) => Some(known_labels(path, volume.header().dims, sums)?),
+            _ => None,
+        };
+        Ok(())
+    }
+
+    /// Finds the region of interest, the threshold inside of it, and what it is filled with. What is doubtful about the
+    /// region is told and returned, with the region in words.
+    fn set_found(
+        &self,
+        options: &mut ConvertOptions,
+        opened: &Opened,
+        path: &Path,
+        console: &Console,
+    ) -> Result<Option<(Vec<String>, String)>> {
+        let (volume, frame) = (&*opened.volume, opened.provenance.frame);
+        let (crop, memory) = (options.crop.as_ref(), options.memory);
+        let region = &self.options.region;
+        let roi = region.find((volume, frame), crop, memory, console)?;
+        let warnings = roi.iter().flat_map(|roi| roi.warnings());
+        warnings.for_each(|warning| console.warn(warning));
+        let inside = roi.as_ref().map(|roi| &roi.voxels);
+        options.threshold = self.threshold.find(volume, inside, path, console)?;
+        let Some(roi) = roi else {
+            return Ok(None);
+        };
+        let told = (roi.warnings().to_vec(), roi.text());
+        options.region = Some(roi.at_threshold(volume, options.threshold, crop, console)?);
+        Ok(Some(told))
     }
 }

@@ -10,7 +10,7 @@ use super::{Outcome, labels, output};
 use crate::error::{Error, Result};
 use crate::grid::Fill;
 use crate::manifest::Manifest;
-use crate::preview::{Axis, LabelVolume, PreviewOptions, preview};
+use crate::preview::{Axis, LabelVolume, PreviewOptions, PreviewReport, preview};
 use crate::progress::Progress;
 use crate::transform::select::Map;
 use crate::volume::{Opened, RegionVoxels, Volume, fill_value};
@@ -231,24 +231,29 @@ impl PreviewArgs {
         if self.common.json {
             output::print_json(&report)?;
         } else if self.common.talks() {
-            let counts = [
-                (report.cells, "cell"),
-                (report.objects, "object"),
-                (report.surfaces, "surface"),
-            ];
-            let count = counts.into_iter().find_map(|(n, name)| Some((n?, name)));
-            let cells = count.map_or(String::new(), |(n, name)| {
-                format!(", {}", output::things(n, name))
-            });
-            output::print(&format!(
-                "{}: slice {} across {}, {} x {} pixels{cells}\n",
-                self.png.display(),
-                report.at,
-                ["x", "y", "z"][report.axis as usize],
-                report.size[0],
-                report.size[1],
-            ))?;
+            output::print(&told(&self.png, &report))?;
         }
         Ok(Outcome::Done)
     }
+}
+
+/// A picture for people.
+fn told(png: &Path, report: &PreviewReport) -> String {
+    let counts = [
+        (report.cells, "cell"),
+        (report.objects, "object"),
+        (report.surfaces, "surface"),
+    ];
+    let count = counts.into_iter().find_map(|(n, name)| Some((n?, name)));
+    let count = count.map_or(String::new(), |(n, name)| {
+        format!(", {}", output::things(n, name))
+    });
+    format!(
+        "{}: slice {} across {}, {} x {} pixels{count}\n",
+        png.display(),
+        report.at,
+        ["x", "y", "z"][report.axis as usize],
+        report.size[0],
+        report.size[1],
+    )
 }

@@ -39,7 +39,7 @@ pub use tables::unit_text;
 
 use crate::checkpoint::{Checkpointer, boot};
 use crate::convert::cells::{CellsInput, GivenCells, cells};
-use crate::convert::components::{SumUp, sum_up};
+use crate::convert::components::{Components, SumUp, sum_up};
 use crate::convert::conversion::{Conversion, Made};
 use crate::convert::finalize::{FinalizeInput, finalize};
 use crate::convert::known_band::KnownBands;
@@ -56,8 +56,8 @@ use crate::convert::totals::{ScannedSums, dust_of};
 use crate::convert::walls::{WallsInput, add_walls, walls};
 use crate::convert::warnings::{warnings, warnings_of_parts};
 use crate::error::{Error, Result};
-use crate::grid::Tiling;
-use crate::manifest::Manifest;
+use crate::grid::{Placement, Tiling};
+use crate::manifest::{Dust, Manifest, Totals};
 use crate::progress::Progress;
 use crate::sys::memory_pool::{MemoryPool, MemoryReservation};
 use crate::sys::process_memory::peak_rss_bytes;
@@ -409,25 +409,17 @@ fn make(job: &Conversion, work: &Path, checkpointer: &mut Checkpointer) -> Resul
     let dust = dust_of(job.options, swept.left_out);
     let mut tables = MemoryReservation::new(&memory, TABLES);
     tables.grow_as_far_as(job.plan.tables());
-    let for_tables = job.plan.tables();
+    let places = swept.resolved.places();
+    let input = SumUp {
+        labelled: &mut swept.labelled,
+        resolved: &mut swept.resolved,
+        meshed: &mut tiles,
+        places,
+    };
+    let of_cells = (swept.cells, swept.walls);
     let (committed, components) = rayon::join(
         || last_layer.commit(checkpointer),
-        || {
-            let (labelled, resolved) = (&mut swept.labelled, &mut swept.resolved);
-            let (cells, places) = (swept.cells.take(), resolved.places());
-            let input = SumUp {
-                labelled,
-                resolved,
-                meshed: &mut tiles,
-                places,
-            };
-            let mut made = sum_up(input, cells, for_tables, work)?;
-            made.add_borders()?;
-            if let Some(walls) = swept.walls.take() {
-                add_walls(&mut made, walls, &measured, for_tables, work)?;
-            }
-            Ok(made)
-        },
+        || components_of(job, work, &measured, input, of_cells),
     );
     committed?;
     let components = components?;
@@ -446,14 +438,49 @@ fn make(job: &Conversion, work: &Path, checkpointer: &mut Checkpointer) -> Resul
     })?;
     let totals = sums.totals(set.written(), &components, job.options.cap)?;
     let bytes = totals.bytes + set.index_bytes() + tables_bytes;
+    let (manifest, warnings) = stated(job, totals, dust, &components, all_seen);
+    let index = set.finish(manifest)?;
+    Ok(Made {
+        totals,
+        bytes: bytes + index,
+        warnings,
+        boot: None,
+    })
+}
+
+/// The rows of the tables: sums over all tiles, borders, and the walls between cells if these were asked for.
+fn components_of(
+    job: &Conversion,
+    work: &Path,
+    placement: &Placement,
+    input: SumUp,
+    (cells, walls): (Option<GivenCells>, Option<SpillFile>),
+) -> Result<Components> {
+    let memory = job.plan.tables();
+    let mut components = sum_up(input, cells, memory, work)?;
+    components.add_borders()?;
+    if let Some(walls) = walls {
+        add_walls(&mut components, walls, placement, memory, work)?;
+    }
+    Ok(components)
+}
+
+/// What the index states beside its tiles, and what is doubtful about the set, which is told.
+fn stated(
+    job: &Conversion,
+    totals: Totals,
+    dust: Option<Dust>,
+    components: &Components,
+    all_seen: bool,
+) -> (Manifest, Vec<String>) {
     let (dims, threshold) = (job.plan.tiling.dims, job.options.threshold);
     let mut warnings = warnings(&totals, dims, threshold, dust);
     if all_seen && totals.surfaces > 0 {
         warnings.extend(job.watch.kind().map(|kind| kind.warning()));
     }
-    let found = components.given.as_ref().map(|given| &given.cells);
-    let found = found.map_or((0, &[][..]), |found| (found.unlabelled, &found.curve[..]));
-    let cells = job.stated_cells(found.0, found.1);
+    let given = components.given.as_ref().map(|given| &given.cells);
+    let (unlabelled, curve) = given.map_or((0, &[][..]), |g| (g.unlabelled, &g.curve[..]));
+    let cells = job.stated_cells(unlabelled, curve);
     let of_parts = cells.as_ref();
     warnings.extend(of_parts.and_then(|parts| warnings_of_parts(parts, totals.cells)));
     warnings
@@ -464,13 +491,7 @@ fn make(job: &Conversion, work: &Path, checkpointer: &mut Checkpointer) -> Resul
         cells,
         ..job.manifest(totals)
     };
-    let index = set.finish(manifest)?;
-    Ok(Made {
-        totals,
-        bytes: bytes + index,
-        warnings,
-        boot: None,
-    })
+    (manifest, warnings)
 }
 
 /// Calls `read` with the grid as it can be read several times, in any order, and whether that is slow.
