@@ -5,11 +5,14 @@
 
 use crate::error::{Error, Result};
 use crate::http::{Answer, Body, Client, Handler, Method, Request, Rules, Status};
-use crate::manifest::{MANIFEST, Manifest};
+use crate::manifest::{MANIFEST, Manifest, level_file};
 use crate::store::File;
 use crate::tileset::{TileLookup, TileSet};
 use std::io::{Seek, SeekFrom};
 use std::ops::Range;
+
+/// The drawing of colours, which stands beside the picture that the index names.
+const LEGEND_SVG: &str = "legend.svg";
 
 /// Answers with files.
 #[derive(Debug)]
@@ -52,13 +55,21 @@ impl Files {
             tables,
             layers,
             selection,
+            lod,
             ..
         } = self.set.manifest();
-        let legend = selection.as_ref().and_then(|s| s.colour_by.as_ref());
-        let legend = legend.map(|colours| colours.legend.as_str());
-        let others = [MANIFEST, &tables.cells, &tables.objects, &tables.surfaces];
-        if let Some(own) = others.into_iter().chain(legend).find(|own| *own == path) {
+        let colours = selection.as_ref().and_then(|s| s.colour_by.as_ref());
+        let legend = colours.map(|colours| [colours.legend.as_str(), LEGEND_SVG]);
+        let legend = legend.into_iter().flatten();
+        let mut others = [MANIFEST].into_iter().chain(tables.files()).chain(legend);
+        if let Some(own) = others.find(|own| *own == path) {
             return Some(alone(own));
+        }
+        if lod.is_some()
+            && let Some(own) = level_file(path)
+        {
+            let file = self.set.path(&own).ok()?;
+            return File::open(&file).is_ok().then(|| alone(&own));
         }
         if let Some(layer) = layers.iter().find(|layer| layer.path == path) {
             return Some(Listed {
@@ -167,6 +178,7 @@ fn kind(path: &str) -> &'static str {
         Some("csv") => "text/csv; charset=utf-8",
         Some("parquet") => "application/vnd.apache.parquet",
         Some("png") => "image/png",
+        Some("svg") => "image/svg+xml",
         _ => "application/octet-stream",
     }
 }

@@ -445,6 +445,70 @@ fn a_picture_of_a_changed_volume_is_not_written() {
     assert!(!drawn.is_empty());
 }
 
+/// A volume whose samples are others whenever they are read, as of a file that is written to through a memory map.
+struct Flickering {
+    header: alvis::volume::Header,
+    reads: std::sync::atomic::AtomicU64,
+}
+
+impl alvis::volume::Volume for Flickering {
+    fn header(&self) -> &alvis::volume::Header {
+        &self.header
+    }
+
+    fn fill_box(
+        &self,
+        _: std::ops::Range<u32>,
+        _: std::ops::Range<u32>,
+        _: std::ops::Range<u32>,
+        out: &mut [u8],
+    ) -> alvis::Result<()> {
+        use std::sync::atomic::Ordering;
+        let mut state = self.reads.fetch_add(1, Ordering::Relaxed);
+        for sample in out {
+            state = state
+                .wrapping_mul(6_364_136_223_846_793_005)
+                .wrapping_add(1);
+            *sample = (state >> 56) as u8;
+        }
+        Ok(())
+    }
+}
+
+#[test]
+fn samples_that_change_without_a_trace_are_an_error() {
+    use alvis::volume::{Header, MemoryVolume, Volume};
+    let dims = alvis::grid::Dims([20, 18, 30]);
+    let still = MemoryVolume::new(dims, alvis::grid::Placement::default(), vec![0u8; 10800]);
+    let header: Header = still.unwrap().header().clone();
+    let mut refused = 0;
+    for seed in 0..8 {
+        let volume = Flickering {
+            header: header.clone(),
+            reads: (seed * 1000).into(),
+        };
+        let options = alvis::convert::ConvertOptions {
+            threshold: 128.0,
+            macrocube: [8; 3],
+            ..Default::default()
+        };
+        let out = tempfile::tempdir().unwrap();
+        let made = alvis::convert::convert(
+            &volume,
+            &options,
+            &out.path().join("out"),
+            &alvis::progress::Quiet,
+        );
+        if let Err(error) = made {
+            refused += 1;
+            let said = error.to_string();
+            assert!(said.contains("was changed while it was read"), "{said}");
+        }
+        assert!(!out.path().join("out/index.json").exists());
+    }
+    assert_eq!(refused, 8);
+}
+
 #[test]
 fn empty_and_cut_files_are_called_so() {
     let dir = tempfile::tempdir().unwrap();

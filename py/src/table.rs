@@ -27,6 +27,7 @@ fn field(column: &Column) -> Field {
         unit: column.unit.clone(),
         kind: match (column.is_condition(), column.is_whole()) {
             (true, _) => Kind::Condition,
+            (_, true) if column.may_lack_whole() => Kind::WholeIfAny,
             (_, true) => Kind::Whole,
             _ => Kind::Real,
         },
@@ -51,6 +52,11 @@ impl Reader {
             for (&at, values) in self.chosen.iter().zip(&mut columns) {
                 match values {
                     Values::Whole(values) => values.push(row.signed(at)?),
+                    Values::WholeIfAny(values, there) => {
+                        let value = row.signed_if_any(at)?;
+                        values.push(value.unwrap_or(0));
+                        there.push(value.is_some());
+                    }
                     Values::Condition(bits) => bits.push(row.number(at)? == Some(1.0)),
                     Values::Real(values, there) => {
                         let value = row.number(at)?;
@@ -103,13 +109,28 @@ impl Table {
         Ok(values)
     }
 
-    fn whole(&self, at: usize) -> Result<Vec<i64>> {
+    /// Those of a column of whole numbers; `None` if some are missing.
+    fn whole(&self, at: usize) -> Result<Option<Vec<i64>>> {
+        let may_lack = self.fields[at].kind == Kind::WholeIfAny;
         let mut reader = TableReader::open_keyed(&self.path, self.key)?;
         let mut values = Vec::new();
         while let Some(row) = reader.next_row()? {
-            values.push(row.signed(at)?);
+            match may_lack {
+                true => match row.signed_if_any(at)? {
+                    Some(value) => values.push(value),
+                    None => return Ok(None),
+                },
+                false => values.push(row.signed(at)?),
+            }
         }
-        Ok(values)
+        Ok(Some(values))
+    }
+
+    /// A column as floats, with NaN where the table has nothing.
+    fn floats<'py>(&self, py: Python<'py>, at: usize) -> PyResult<Bound<'py, PyAny>> {
+        let values = py.detach(|| self.values(at));
+        let values = values.map_err(|error| exception(py, &error))?;
+        Ok(PyArray1::from_vec(py, values).into_any())
     }
 }
 
@@ -127,20 +148,17 @@ impl Table {
         let Some(at) = self.fields.iter().position(|field| field.name == name) else {
             return Ok(None);
         };
-        let failed = |error| exception(py, &error);
+        if self.fields[at].kind == Kind::Real {
+            return self.floats(py, at).map(Some);
+        }
+        let values = py.detach(|| self.whole(at));
+        let Some(values) = values.map_err(|error| exception(py, &error))? else {
+            return self.floats(py, at).map(Some);
+        };
+        let array = PyArray1::from_vec(py, values);
         Ok(Some(match self.fields[at].kind {
-            Kind::Real => {
-                let values = py.detach(|| self.values(at)).map_err(failed)?;
-                PyArray1::from_vec(py, values).into_any()
-            }
-            kind => {
-                let values = py.detach(|| self.whole(at)).map_err(failed)?;
-                let array = PyArray1::from_vec(py, values);
-                match kind {
-                    Kind::Condition => array.cast_array::<bool>(false)?.into_any(),
-                    _ => array.into_any(),
-                }
-            }
+            Kind::Condition => array.cast_array::<bool>(false)?.into_any(),
+            _ => array.into_any(),
         }))
     }
 

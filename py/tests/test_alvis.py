@@ -1,6 +1,7 @@
 """What the module promises, seen from Python. `pytest py/tests` with the module installed."""
 
 import json
+import multiprocessing
 import os
 import pathlib
 import pickle
@@ -332,6 +333,17 @@ def test_cells_are_parts_where_they_are_split_or_labelled(made, tmp_path):
     assert (cut.cells["component"] == cut.components["id"][0]).all()
     assert cut.cells["voxels"].sum() == whole.cells["voxels"].sum() == (both < 100).sum()
     assert [int(cut.necks[name][0]) for name in ("cell_a", "cell_b")] == [1, 2]
+    # what parts of a component have no number of is missing, as numbers and by Arrow
+    assert whole.cells["euler_characteristic"].dtype == np.int64
+    assert cut.cells["euler_characteristic"].dtype == np.float64 and np.isnan(cut.cells["euler_characteristic"]).all()
+    pa = pytest.importorskip("pyarrow")
+    arrow = pa.table(cut.cells)["euler_characteristic"]
+    assert arrow.type == pa.int64() and arrow.null_count == 2
+    assert pa.table(whole.cells)["euler_characteristic"].to_pylist() == whole.cells["euler_characteristic"].tolist()
+    for name in ("cells", "objects", "surfaces", "components", "necks"):
+        table = getattr(cut, name)
+        for column in table.columns:
+            assert len(table[column]) == len(table)
     # the same cells from a file
     halves = np.where(np.arange(60) < 30, 7, 9).astype("u2") * (both < 100)
     np.save(tmp_path / "halves.npy", halves)
@@ -339,6 +351,40 @@ def test_cells_are_parts_where_they_are_split_or_labelled(made, tmp_path):
     assert given.cells["id"].tolist() == [7, 9]
     assert given.cells["voxels"].tolist() == [(halves == 7).sum(), (halves == 9).sum()]
     assert alvis.verify(tmp_path / "cut", against=both).ok and alvis.verify(tmp_path / "given", against=both).ok
+
+
+def test_a_forked_process_converts_after_its_parent_has(made, tmp_path):
+    _, array = made
+    process = multiprocessing.get_context("fork").Process(
+        target=alvis.convert, args=(array, tmp_path / "forked"), kwargs={"threshold": 100}
+    )
+    process.start()
+    process.join(120)
+    ended = process.exitcode
+    process.kill()
+    assert ended == 0 and alvis.verify(tmp_path / "forked", against=array).ok
+
+
+def test_what_cannot_be_meant_is_refused(tmp_path):
+    array = np.arange(1000, dtype="u1").reshape(10, 10, 10)
+    out = tmp_path / "out"
+    with pytest.raises(TypeError, match="threshold: found True"):
+        alvis.convert(array, out, threshold=True)
+    with pytest.raises(TypeError, match="shape"):
+        alvis.convert(array, out, threshold=100, labels=array)
+    with pytest.raises(TypeError, match="mask"):
+        alvis.convert(np.ma.masked_greater(array, 200), out, threshold=100)
+    with pytest.raises(ValueError, match="step"):
+        alvis.convert(array, out, threshold=100, crop=(slice(0, 10, 2), slice(None), slice(None)))
+    with pytest.raises(ValueError, match="filters"):
+        alvis.convert(array, out, threshold=100, filters={"force": True})
+    with pytest.raises(TypeError, match="cap"):
+        alvis.convert(array, out, threshold=100, cap=2)
+    with pytest.raises(alvis.OptionError, match="a number in 1..=1024"):
+        alvis.convert(array, out, threshold=100, threads=0)
+    # a mask that hides nothing
+    assert alvis.info(np.ma.masked_greater(array, 255)).range == (0, 255)
+    assert not out.exists()
 
 
 def test_walls_between_cells_are_a_table(made, tmp_path):

@@ -32,13 +32,19 @@ impl Common {
         Console::new(self.quiet)
     }
 
+    /// How many worker threads there are to be; 0 for one per core.
+    pub fn worker_threads(&self) -> usize {
+        self.threads
+            .map_or(0, |n| crate::sys::simd::threads(usize::from(n)))
+    }
+
     /// Sets up the worker threads.
-    pub fn set_threads(&self) {
-        if let Some(n) = self.threads {
+    fn set_threads(&self) {
+        if self.threads.is_some() {
             // fails only if workers run already, in a program that runs several commands: the
             // result is the same with any number of them
             let _ = rayon::ThreadPoolBuilder::new()
-                .num_threads(crate::sys::simd::threads(usize::from(n)))
+                .num_threads(self.worker_threads())
                 .build_global();
         }
     }

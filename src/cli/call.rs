@@ -5,6 +5,7 @@
 //! signals; what comes back is the JSON object that the command prints with `--json`.
 
 use super::again::Again;
+use super::args::Common;
 use super::convert::ConvertArgs;
 use super::info::InfoArgs;
 use super::info_tiles::OpenedTiles;
@@ -72,9 +73,11 @@ pub fn call(call: Call) -> Result<String> {
     let cli = Cli::try_parse_from(typed).map_err(|refusal| usage(&refusal, &call.words))?;
     let console = Console::Handed(call.progress);
     match cli.command {
-        Command::Info(args) => info(&args, call.volume, &console),
-        Command::Convert(args) => convert(&args, call.volume, call.again, &console),
-        Command::Verify(args) => verify(&args, call.volume, &console),
+        Command::Info(args) => in_threads(&args.common, || info(&args, call.volume, &console)),
+        Command::Convert(args) => in_threads(&args.common, || {
+            convert(&args, call.volume, call.again, &console)
+        }),
+        Command::Verify(args) => in_threads(&args.common, || verify(&args, call.volume, &console)),
         _ => {
             let found = call.words.first().map(|word| word.display().to_string());
             let expected = "info, convert or verify";
@@ -83,8 +86,18 @@ pub fn call(call: Call) -> Result<String> {
     }
 }
 
+/// Works in threads of its own, which end with it: those that all work of a process shares are missing in a process that
+/// was forked from it, and would be waited for without end.
+fn in_threads<R: Send>(common: &Common, work: impl FnOnce() -> Result<R> + Send) -> Result<R> {
+    let threads = common.worker_threads();
+    let pool = rayon::ThreadPoolBuilder::new()
+        .num_threads(threads)
+        .build()
+        .map_err(|e| Error::usage("--threads", threads.to_string(), e.to_string()))?;
+    pool.install(work)
+}
+
 fn info(args: &InfoArgs, volume: Option<Given>, console: &Console) -> Result<String> {
-    args.common.set_threads();
     match volume {
         None if args.is_of_tiles()? => json(&OpenedTiles::open(&args.input)?.report()),
         volume => {
@@ -107,14 +120,12 @@ fn convert(
             "one volume, and OUT",
         ));
     };
-    args.common.set_threads();
     let input = volume.map_or(Input::Path(&args.input), Input::Given);
     let report = args.convert(input, out, Again::Called(again), console)?;
     json(&args.printed(&report, args.levels(out, console)?.as_ref()))
 }
 
 fn verify(args: &VerifyArgs, volume: Option<Given>, console: &Console) -> Result<String> {
-    args.common.set_threads();
     let path = args.against.as_deref().map(Input::Path);
     let against = volume.map(Input::Given).or(path);
     json(&args.verify(against, console)?)
@@ -139,7 +150,10 @@ fn usage(refusal: &clap::Error, words: &[OsString]) -> Error {
         (Some(option), Some(value)) => {
             let name = option.split([' ', '=']).next().unwrap_or_default();
             let takes = takes.unwrap_or_else(|| "another value".to_owned());
-            let takes = takes.strip_prefix("expected ").unwrap_or(&takes).to_owned();
+            let takes = match takes.split_once(" is not in ") {
+                Some((_, range)) => format!("a number in {range}"),
+                None => takes.strip_prefix("expected ").unwrap_or(&takes).to_owned(),
+            };
             Error::usage(name, value, takes)
         }
         (option, _) => {

@@ -8,7 +8,7 @@ use crate::volume::{self, Before, Io, OpenOptions, Opened, Stamp, Volume, file_n
 use std::path::Path;
 
 /// Makes a volume that lies in this place.
-pub type MakeVolume = dyn FnOnce(Placement) -> Result<Box<dyn Volume>>;
+pub type MakeVolume = dyn FnOnce(Placement) -> Result<Box<dyn Volume>> + Send;
 
 /// A volume that the calling program has, such as an array in memory.
 pub struct Given {

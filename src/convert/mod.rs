@@ -65,7 +65,7 @@ use crate::sys::spill_file::SpillFile;
 use crate::tileset::{Output, TilesetWriter, outward, tidy};
 use crate::volume::{Cropped, Filled, Volume, Watch, Watched, spool_beside};
 use std::any::Any;
-use std::panic::{AssertUnwindSafe, catch_unwind, resume_unwind};
+use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::Path;
 use std::sync::Arc;
 use std::time::Instant;
@@ -296,20 +296,30 @@ fn in_threads<R: Send>(
         .map_err(|e| Error::usage("--threads", threads.to_string(), e.to_string()))?;
     Ok(pool.install(|| {
         let working = AssertUnwindSafe(work);
-        catch_unwind(working).unwrap_or_else(|panic| Err(changed_or_panic(job, panic)))
+        catch_unwind(working).unwrap_or_else(|panic| Err(changed(job, &*panic)))
     }))
 }
 
 /// What is read twice is taken to be the same: where the input changed meanwhile, that is the error, whatever it led
-/// to. Else the panic goes on.
-fn changed_or_panic(job: &Conversion, panic: Box<dyn Any + Send>) -> Error {
-    match job.options.input.check() {
-        Err(changed) => changed,
-        Ok(Some(found)) => Error::InputChanged {
-            path: job.options.source_name.clone().into(),
-            found,
-        },
-        Ok(None) => resume_unwind(panic),
+/// to. A file that is written to through a memory map keeps its time of change, so that a change can be seen by what it
+/// led to alone.
+fn changed(job: &Conversion, panic: &(dyn Any + Send)) -> Error {
+    let found = match job.options.input.check() {
+        Err(changed) => return changed,
+        Ok(Some(found)) => found,
+        Ok(None) => {
+            let text = panic.downcast_ref::<String>().map(String::as_str);
+            let text = text.or(panic.downcast_ref::<&str>().copied());
+            format!(
+                "what was read of it twice does not fit together ({}), though its size and its time of change are \
+                 the same; if nobody writes to it, not through a memory map either, this is a fault of alvis",
+                text.unwrap_or("a panic")
+            )
+        }
+    };
+    Error::InputChanged {
+        path: job.options.source_name.clone().into(),
+        found,
     }
 }
 

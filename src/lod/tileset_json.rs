@@ -5,7 +5,7 @@
 
 use super::entry::Entry;
 use crate::error::{Error, Result};
-use crate::manifest::{Bounds, DEFAULT_PIXELS, Levels, NodeShard, TILESET};
+use crate::manifest::{Bounds, DEFAULT_PIXELS, Levels, NodeShard, TILESET, tileset_path};
 use crate::sys::files::write_file;
 use crate::tileset::TileSet;
 use glam::{DMat4, DVec3};
@@ -282,8 +282,8 @@ impl Tree<'_> {
 
 /// Path of the tileset of a node, below the directory of levels.
 fn external(at: At) -> String {
-    let [x, y, z] = at.place;
-    format!("tilesets/{}_z{z}_y{y}_x{x}.json", at.level)
+    let path = tileset_path(at.level, at.place);
+    path["lod/".len()..].to_owned()
 }
 
 fn put(path: &Path, document: &Value) -> Result<u64> {

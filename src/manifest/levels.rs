@@ -147,6 +147,26 @@ pub(crate) fn node_shard_path(level: u32, z: u32) -> String {
     format!("lod/{level}/z{z:04}.json")
 }
 
+/// Path of a tileset of 3D Tiles below the root, of the node on top of it.
+pub(crate) fn tileset_path(level: u32, [x, y, z]: [u32; 3]) -> String {
+    format!("lod/tilesets/{level}_z{z}_y{y}_x{x}.json")
+}
+
+/// The path of a file of levels of detail, if a text is one, letter by letter: made anew from the numbers in it.
+pub(crate) fn level_file(text: &str) -> Option<String> {
+    let numbers = text.split(|c: char| !c.is_ascii_digit());
+    let numbers = numbers.filter(|digits| !digits.is_empty() && digits.len() <= 10);
+    let numbers = numbers.map(|digits| digits.parse::<u32>().ok());
+    let numbers: Vec<u32> = numbers.take(5).collect::<Option<_>>()?;
+    let made = match numbers[..] {
+        [] => vec![LEVELS.to_owned(), TILESET.to_owned()],
+        [level, z] => vec![node_shard_path(level, z)],
+        [level, z, y, x] => vec![node_path(level, [x, y, z]), tileset_path(level, [x, y, z])],
+        _ => Vec::new(),
+    };
+    made.into_iter().find(|made| made == text)
+}
+
 impl Levels {
     /// The levels of the tile set in `dir` with this manifest; `None` if it has the tiles alone.
     ///

@@ -86,6 +86,19 @@ impl Tables {
         all.map(|(path, of)| (path.as_str(), of.as_str()))
     }
 
+    /// The names of all files that there are.
+    pub(crate) fn files(&self) -> impl Iterator<Item = &str> {
+        let some = [&self.components, &self.necks, &self.walls];
+        let parquet = self.parquet.iter().flat_map(|own| {
+            let some = [&own.components, &own.necks, &own.walls];
+            let always = [&own.cells, &own.objects, &own.surfaces];
+            always.into_iter().chain(some.into_iter().flatten())
+        });
+        let always = [&self.cells, &self.objects, &self.surfaces];
+        let all = always.into_iter().chain(some.into_iter().flatten());
+        all.chain(parquet).map(String::as_str)
+    }
+
     /// Under the names that this program gives them.
     pub(crate) fn named(parquet: bool) -> Self {
         Tables {

@@ -45,8 +45,13 @@ impl Column {
         ["touches_border", "thin", "neighbour"].contains(&self.name.as_str())
     }
 
-    /// True if the values are counts, ids or other whole numbers, none of which is missing but where cells are parts of
-    /// components.
+    /// True if some of the values may be missing where cells are parts of components, though they are whole numbers.
+    pub fn may_lack_whole(&self) -> bool {
+        ["euler_characteristic", "component"].contains(&self.name.as_str())
+    }
+
+    /// True if the values are counts, ids or other whole numbers, none of which is missing but as
+    /// [`may_lack_whole`](Self::may_lack_whole) says.
     pub fn is_whole(&self) -> bool {
         const WHOLE: [&str; 17] = [
             "id",

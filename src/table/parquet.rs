@@ -40,8 +40,7 @@ enum Values {
 impl Values {
     /// Of a column; `parts` is true in tables of sets whose cells are parts of components.
     fn of(column: &Column, parts: bool) -> Self {
-        const MAY_LACK: [&str; 2] = ["euler_characteristic", "component"];
-        if parts && MAY_LACK.contains(&column.name.as_str()) {
+        if parts && column.may_lack_whole() {
             return Values::Optional(Vec::with_capacity(GROUP), Vec::with_capacity(GROUP));
         }
         match (column.is_condition(), column.is_whole()) {

@@ -328,6 +328,17 @@ impl<'a> Row<'a> {
             .map_err(|_| self.damage(column, &format!("{text:?}")))
     }
 
+    /// As [`signed`](Self::signed), of a field that may be empty.
+    ///
+    /// # Errors
+    /// Those of [`signed`](Self::signed).
+    pub fn signed_if_any(&self, column: usize) -> Result<Option<i64>> {
+        match self.text(column)?.is_empty() {
+            true => Ok(None),
+            false => self.signed(column).map(Some),
+        }
+    }
+
     /// The value of field `column` as JSON: null if missing, a boolean for a condition, else a
     /// number.
     ///

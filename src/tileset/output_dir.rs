@@ -162,6 +162,40 @@ pub fn check_output(out: &Path, force: bool) -> Result<()> {
     Ok(())
 }
 
+/// Whether there is a directory, in which a tile set can be made then.
+///
+/// # Errors
+/// As of [`check_output`], but for locks; with `resume` a set that is being moved in, or has just been, is none.
+fn is_free(out: &Path, force: bool, resume: bool) -> Result<bool> {
+    let work = out.join(WORK);
+    let has = |dir: &Path| dir.join(ENTRIES[0]).exists();
+    let moving = work.join(MOVING).exists()
+        && match has(&work) {
+            true => !has(out),
+            false => resume,
+        };
+    let entries = match fs::read_dir(out) {
+        Ok(entries) => entries,
+        Err(e) if e.kind() == ErrorKind::NotFound => return Ok(false),
+        Err(e) => return Err(Error::io(out, "use as the output directory", e)),
+    };
+    let names = entries.map(|entry| entry.map(|e| e.file_name()));
+    let names: std::io::Result<Vec<_>> = names.collect();
+    let names = names.map_err(|e| Error::io(out, "read the directory", e))?;
+    let ours = |name: &&OsString| ENTRIES.iter().any(|&e| *name == e);
+    let foreign = |name: &&OsString| *name != WORK && !ours(name);
+    if let Some(entry) = names.iter().filter(foreign).min() {
+        return Err(Error::OutputForeign {
+            path: out.to_path_buf(),
+            entry: entry.clone(),
+        });
+    }
+    match !force && !moving && names.iter().any(|name| ours(&name)) {
+        true => Err(exists(out)),
+        false => Ok(true),
+    }
+}
+
 /// Removes what a process left that was killed after it had moved everything to its final name.
 ///
 /// # Errors
@@ -225,10 +259,12 @@ impl Output {
     /// is not set; [`Error::OutputForeign`] if it holds anything else; [`Error::OutputBusy`] if somebody else
     /// writes there; [`Error::Io`] if it cannot be written.
     pub fn create(out: &Path, force: bool) -> Result<Self> {
+        let mut output = Self::open(out, force, false)?;
+        // asked when nobody else writes there any more
         if !force && interrupted(out).is_some() {
+            output.keep(true);
             return Err(exists(out));
         }
-        let output = Self::open(out, force, false)?;
         output.clear()?;
         Ok(output)
     }
@@ -262,35 +298,12 @@ impl Output {
         refuse_bucket(out)?;
         refuse_inside(out)?;
         let work = out.join(WORK);
-        let has = |dir: &Path| dir.join(ENTRIES[0]).exists();
-        let moving = work.join(MOVING).exists()
-            && match has(&work) {
-                true => !has(out),
-                false => resume,
-            };
-        let made_out = match fs::read_dir(out) {
-            Ok(entries) => {
-                let names = entries.map(|entry| entry.map(|e| e.file_name()));
-                let names: std::io::Result<Vec<_>> = names.collect();
-                let names = names.map_err(|e| Error::io(out, "read the directory", e))?;
-                let ours = |name: &&OsString| ENTRIES.iter().any(|&e| *name == e);
-                let foreign = |name: &&OsString| *name != WORK && !ours(name);
-                if let Some(entry) = names.iter().filter(foreign).min() {
-                    return Err(Error::OutputForeign {
-                        path: out.to_path_buf(),
-                        entry: entry.clone(),
-                    });
-                }
-                if !force && !moving && names.iter().any(|name| ours(&name)) {
-                    return Err(exists(out));
-                }
-                false
-            }
-            Err(e) if e.kind() == ErrorKind::NotFound => {
+        let made_out = match is_free(out, force, resume)? {
+            true => false,
+            false => {
                 fs::create_dir_all(out).map_err(|e| Error::io(out, "create the directory", e))?;
                 true
             }
-            Err(e) => return Err(Error::io(out, "use as the output directory", e)),
         };
         let lock = take_lock(&work, out).inspect_err(|_| {
             // only what is empty goes, so nothing of somebody else's
@@ -299,6 +312,13 @@ impl Output {
                 let _ = fs::remove_dir(out);
             }
         })?;
+        // whoever held the lock may have finished meanwhile
+        if let Err(error) = is_free(out, force, resume) {
+            let _ = fs::remove_file(work.join(LOCK));
+            drop(lock);
+            let _ = fs::remove_dir(&work);
+            return Err(error);
+        }
         Ok(Output {
             out: out.to_path_buf(),
             work,
@@ -485,6 +505,30 @@ mod tests {
         let mut names: Vec<String> = names.filter(|name| name != WORK).collect();
         names.sort();
         names
+    }
+
+    /// One that waits for another to end takes nothing of what that has made.
+    #[test]
+    fn what_somebody_finishes_meanwhile_stays() {
+        let dir = tempfile::tempdir().unwrap();
+        let out = dir.path().join("out");
+        let mut first = Output::create(&out, false).unwrap();
+        fs::write(first.work().join("index.json"), "first").unwrap();
+        let second = std::thread::spawn({
+            let out = out.clone();
+            move || Output::create(&out, false).map(drop)
+        });
+        // by then it waits for the lock, which it does for two seconds
+        std::thread::sleep(std::time::Duration::from_millis(300));
+        first.begin_commit(b"note").unwrap();
+        first.commit().unwrap();
+        let refused = second.join().unwrap();
+        assert!(
+            matches!(refused, Err(Error::OutputExists { .. })),
+            "{refused:?}"
+        );
+        assert_eq!(fs::read(out.join("index.json")).unwrap(), b"first");
+        assert!(!out.join(WORK).exists());
     }
 
     /// Wherever moving was stopped, going on moves the rest and loses nothing; what the new set lacks goes.

@@ -34,8 +34,8 @@ pub struct Columns {
     pub length: u64,
 }
 
-/// Ids and columns of a table: a header of 16 bytes, ids of 32 bits, then each column as floats of 32 bits, NaN where
-/// there is no value. They lie in a temporary file, whatever the number of rows.
+/// Ids and columns of a table: a header of 16 bytes, ids of 32 bits, zeros up to a multiple of 8 bytes, then each column as
+/// floats of 64 bits, NaN where there is no value. They lie in a temporary file, whatever the number of rows.
 ///
 /// # Errors
 /// [`Error::Usage`] for a column that is not there; [`Error::Io`] and [`Error::Format`] of the table.
@@ -62,7 +62,8 @@ pub fn columns(set: &TileSet, table: Table, names: &[&str]) -> Result<Columns> {
         file: unnamed(&dir).map_err(failed)?,
         rows,
         done: 0,
-        waiting: vec![Vec::new(); 1 + chosen.len()],
+        ids: Vec::new(),
+        values: vec![Vec::new(); chosen.len()],
     };
     let mut read = 0;
     while let Some(row) = reader.next_row()? {
@@ -70,12 +71,11 @@ pub fn columns(set: &TileSet, table: Table, names: &[&str]) -> Result<Columns> {
         if read > rows {
             break;
         }
-        out.waiting[0].push(short(&path, row.whole(id)?)?);
-        for (values, &column) in out.waiting[1..].iter_mut().zip(&chosen) {
-            let value = row.number(column)?.map_or(f32::NAN, |v| v as f32);
-            values.push(value.to_bits());
+        out.ids.push(short(&path, row.whole(id)?)?);
+        for (values, &column) in out.values.iter_mut().zip(&chosen) {
+            values.push(row.number(column)?.unwrap_or(f64::NAN));
         }
-        if out.waiting[0].len() == TOGETHER {
+        if out.ids.len() == TOGETHER {
             out.write().map_err(failed)?;
         }
     }
@@ -97,20 +97,30 @@ struct Gathered {
     rows: u64,
     /// Rows that are written.
     done: u64,
-    /// The next values of each column, the ids first.
-    waiting: Vec<Vec<u32>>,
+    /// The next ids.
+    ids: Vec<u32>,
+    /// The next values of each column.
+    values: Vec<Vec<f64>>,
 }
 
 impl Gathered {
     fn write(&mut self) -> std::io::Result<()> {
-        let more = self.waiting[0].len() as u64;
-        for (column, values) in (0u64..).zip(&mut self.waiting) {
-            let bytes: Vec<u8> = values.drain(..).flat_map(u32::to_le_bytes).collect();
-            let at = HEADER + 4 * (column * self.rows + self.done);
+        let more = self.ids.len() as u64;
+        let bytes: Vec<u8> = self.ids.drain(..).flat_map(u32::to_le_bytes).collect();
+        self.file.write_all_at(&bytes, HEADER + 4 * self.done)?;
+        let first = self.values_at();
+        for (column, values) in (0u64..).zip(&mut self.values) {
+            let bytes: Vec<u8> = values.drain(..).flat_map(f64::to_le_bytes).collect();
+            let at = first + 8 * (column * self.rows + self.done);
             self.file.write_all_at(&bytes, at)?;
         }
         self.done += more;
         Ok(())
+    }
+
+    /// Where the columns begin.
+    fn values_at(&self) -> u64 {
+        (HEADER + 4 * self.rows).next_multiple_of(8)
     }
 
     fn finish(mut self, columns: usize) -> std::io::Result<Columns> {
@@ -119,15 +129,17 @@ impl Gathered {
             &mut head,
             &[
                 u32::from_le_bytes(*b"ALVC"),
-                1,
+                2,
                 self.rows as u32,
                 columns as u32,
             ],
         );
         self.file.write_all_at(&head, 0)?;
+        let length = self.values_at() + 8 * self.rows * columns as u64;
+        self.file.set_len(length)?;
         self.file.seek(SeekFrom::Start(0))?;
         Ok(Columns {
-            length: HEADER + 4 * self.rows * (1 + columns as u64),
+            length,
             file: self.file,
         })
     }

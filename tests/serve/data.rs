@@ -478,10 +478,10 @@ fn tables_rows_and_queries_are_those_of_the_command() {
                 .clone()
         };
         let rows = listed(&[]);
-        let column = |name: &str| -> Vec<f32> {
+        let column = |name: &str| -> Vec<f64> {
             let number = |row: &Value| match &row[name] {
-                Value::Bool(set) => f32::from(u8::from(*set)),
-                value => value.as_f64().map_or(f32::NAN, |v| v as f32),
+                Value::Bool(set) => f64::from(u8::from(*set)),
+                value => value.as_f64().unwrap_or(f64::NAN),
             };
             rows.iter().map(number).collect()
         };
@@ -489,18 +489,24 @@ fn tables_rows_and_queries_are_those_of_the_command() {
         let reply = served.get(&format!("/table/{name}?columns={}", names.join(",")));
         let words = reply.words();
         let n = rows.len();
-        assert_eq!(words[..4], [u32::from_le_bytes(*b"ALVC"), 1, n as u32, 3]);
-        assert_eq!(words.len(), 4 + 4 * n);
+        assert_eq!(words[..4], [u32::from_le_bytes(*b"ALVC"), 2, n as u32, 3]);
+        let first = (4 + n).next_multiple_of(2);
+        assert_eq!(words.len(), first + 6 * n);
         let ids: Vec<u32> = rows
             .iter()
             .map(|r| r["id"].as_u64().unwrap() as u32)
             .collect();
         assert_eq!(words[4..4 + n], ids);
         for (i, name) in names.iter().enumerate() {
-            let expected: Vec<u32> = column(name).into_iter().map(f32::to_bits).collect();
-            assert_eq!(words[4 + (1 + i) * n..][..n], expected, "{name}");
+            let expected: Vec<u64> = column(name).into_iter().map(f64::to_bits).collect();
+            let found = words[first + 2 * i * n..][..2 * n].as_chunks::<2>().0;
+            let found: Vec<u64> = found
+                .iter()
+                .map(|&[low, high]| u64::from(high) << 32 | u64::from(low))
+                .collect();
+            assert_eq!(found, expected, "{name}");
         }
-        assert_eq!(served.get(&format!("/table/{name}")).words().len(), 4 + n);
+        assert_eq!(served.get(&format!("/table/{name}")).words().len(), first);
 
         let set = TileSet::open(&tiles).unwrap();
         for row in rows.iter().step_by(3) {

@@ -46,6 +46,56 @@ fn files_of_the_set_are_served_as_they_are() {
     assert_eq!(served.ask("POST", "/index.json", &host).status, 405);
 }
 
+/// Tables as Parquet, of parts and of walls, levels of detail with their tilesets, and drawings of colours.
+#[test]
+fn what_some_sets_have_is_served() {
+    let dir = foam_tiles(&["--walls", "--tables", "csv,parquet", "--for", "web"]);
+    ok(dir.path(), &["lod", "tiles", "--quiet"]);
+    let painted = [
+        "select",
+        "tiles",
+        "painted",
+        "--colour-by",
+        "volume",
+        "--quiet",
+    ];
+    ok(dir.path(), &painted);
+    for (set, all) in [
+        (
+            "tiles",
+            &[
+                "walls.csv",
+                "cells.parquet",
+                "walls.parquet",
+                "tileset.json",
+                "lod/index.json",
+                "lod/1/z0000.json",
+                "lod/1/z0000/y0000_x0000.glb",
+            ][..],
+        ),
+        ("painted", &["legend.png", "legend.svg"]),
+    ] {
+        let served = Served::start(dir.path(), &["serve", set, "--quiet"]);
+        for path in all {
+            let bytes = std::fs::read(dir.path().join(set).join(path)).unwrap();
+            let reply = served.ask("GET", &format!("/{path}"), &served.host());
+            assert_eq!(reply.status, 200, "{path}");
+            assert!(reply.body == bytes, "{path}");
+        }
+        for path in [
+            "lod",
+            "lod/9/z0000.json",
+            "lod/1/z00000.json",
+            "lod/1/../index.json",
+            "lod/01/z0000.json",
+            "lod/tilesets/3_z0_y0_x0",
+        ] {
+            let reply = served.ask("GET", &format!("/{path}"), &served.host());
+            assert_eq!(reply.status, 404, "{path}");
+        }
+    }
+}
+
 #[test]
 fn nothing_else_is_served() {
     let (dir, served) = served(&[]);

@@ -157,6 +157,14 @@ class Report:
     """Everything, as ``alvis verify --json`` prints it."""
 
 
+# options that take no value, or may
+_ONLY_FLAGS = {"cap", "force", "invert", "keep_samples", "lod", "resample", "resume", "walls"}
+_FLAGS = {*_ONLY_FLAGS, "split"}
+
+
+_FILTERS = ("smooth", "median", "downsample", "invert", "clamp")
+
+
 class _Words:
     """The words of a command line."""
 
@@ -166,6 +174,14 @@ class _Words:
     def add(self, name: str, value: Any) -> None:
         """An option, unless its value is ``None`` or ``False``."""
         option = "--" + name.replace("_", "-")
+        if getattr(value, "ndim", 1) == 0:
+            value = value.item()
+        if name in _ONLY_FLAGS and value is not None:
+            if value not in (0, 1):
+                raise TypeError(f"{name}: found {value!r}, expected True or False")
+            value = bool(value)
+        if value is True and name not in _FLAGS:
+            raise TypeError(f"{name}: found True, expected a value")
         if value is True:
             self.words.append(option)
         elif value is not None and value is not False:
@@ -177,6 +193,8 @@ class _Words:
             self.add(name, value)
         pairs = filters.items() if isinstance(filters, Mapping) else filters or ()
         for name, value in pairs:
+            if name not in _FILTERS:
+                raise ValueError(f"filters: found {name!r}, expected {', '.join(_FILTERS)}")
             self.add(name, value)
 
     def end(self, *paths: str) -> list[str]:
@@ -189,8 +207,10 @@ def _text(value: Any) -> str:
         return str(value)
     if isinstance(value, os.PathLike):
         return str(os.fspath(value))
-    if hasattr(value, "ndim") and value.ndim == 0:
+    if getattr(value, "ndim", 1) == 0:
         return str(value.item())
+    if getattr(value, "ndim", 1) > 1:
+        raise TypeError(f"found an array of shape {value.shape}, expected numbers or a path: write it to a file first")
     return ",".join(_text(each) for each in value)
 
 
@@ -198,6 +218,9 @@ def _crop(crop: Any) -> str | None:
     """``((x0, x1), (y0, y1), (z0, z1))`` as the command takes it; an end may be ``None``."""
     if crop is None or isinstance(crop, str):
         return crop
+    for each in crop:
+        if isinstance(each, slice) and each.step not in (None, 1):
+            raise ValueError(f"crop: found a step of {each.step}, expected all voxels between two ends")
     ends = ((s.start, s.stop) if isinstance(s, slice) else s for s in crop)
     return ",".join(f"{'' if a is None else a}:{'' if b is None else b}" for a, b in ends)
 
@@ -209,9 +232,14 @@ def _source(volume: Any) -> tuple[str | None, Any]:
     path = _zarr_path(volume)
     if path is not None:
         return path, None
+    if tuple(getattr(volume, "dims", ()))[:3] == ("x", "y", "z"):
+        raise TypeError("volume: found the axes x, y, z, expected z, y, x: `array.transpose('z', 'y', 'x')` has these")
     if any(hasattr(volume, name) for name in ("__array_interface__", "__array_struct__", "__dlpack__")):
         import numpy
 
+        if numpy.ma.is_masked(volume):
+            # its mask would be passed over
+            raise TypeError("volume: found masked voxels, expected an array without a mask: `array.filled(value)` is one")
         return None, numpy.asarray(volume)
     if volume is None:
         raise TypeError("volume: found None, expected a path or an array with the axes z, y, x")
@@ -220,7 +248,8 @@ def _source(volume: Any) -> tuple[str | None, Any]:
 
 def _zarr_path(array: Any) -> str | None:
     """Where a Zarr array of this machine lies, so that its chunks are read without Python."""
-    if type(array).__module__.split(".")[0] != "zarr":
+    # some types of C have no module
+    if (type(array).__module__ or "").split(".")[0] != "zarr":
         return None
     store = getattr(array, "store", None)
     kind = type(store).__name__

@@ -59,6 +59,9 @@ class Table:
     def __getitem__(self, name: str) -> NDArray[Any]:
         """A column, shape (rows,): int64, bool, or float64 with NaN where the table has nothing.
 
+        Whole numbers are float64, too, where some are missing: ``euler_characteristic`` of cells that are parts of
+        components.
+
         Raises ``KeyError`` if there is no such column.
         """
         column = self._table.column(name)

@@ -1,7 +1,7 @@
 //! The structures of the Arrow C interface. Each owns what it points at, and gives it back in its `release`, which the one
 //! who has the structure then calls once; dropped here, it is released if nobody has done so.
 
-use super::{Batch, Batches, Field, Kind, Values};
+use super::{Batch, Batches, Bits, Field, Kind, Values};
 use std::ffi::{CStr, CString, c_char, c_int, c_void};
 use std::ptr::{null, null_mut};
 
@@ -119,6 +119,7 @@ impl ArrowSchema {
     fn column(field: &Field) -> Self {
         let (format, flags) = match field.kind {
             Kind::Whole => (c"l", 0),
+            Kind::WholeIfAny => (c"l", NULLABLE),
             Kind::Condition => (c"b", 0),
             Kind::Real => (c"g", NULLABLE),
         };
@@ -199,13 +200,15 @@ impl ArrowArray {
     }
 
     fn column(rows: usize, values: Values) -> Self {
+        let some_of = |there: &Bits, values| {
+            let buffers = vec![there.bytes.as_ptr().cast(), values];
+            (rows - there.set, buffers)
+        };
         let (missing, buffers) = match &values {
             Values::Whole(values) => (0, vec![null(), values.as_ptr().cast()]),
             Values::Condition(bits) => (0, vec![null(), bits.bytes.as_ptr().cast()]),
-            Values::Real(values, there) => {
-                let there_at = there.bytes.as_ptr().cast();
-                (rows - there.set, vec![there_at, values.as_ptr().cast()])
-            }
+            Values::WholeIfAny(values, there) => some_of(there, values.as_ptr().cast()),
+            Values::Real(values, there) => some_of(there, values.as_ptr().cast()),
         };
         Self::new(rows, missing, Some(values), buffers, Vec::new())
     }

@@ -21,6 +21,8 @@ pub struct Field {
 pub enum Kind {
     /// Whole numbers of 64 bits.
     Whole,
+    /// Whole numbers of 64 bits, some of which may be missing.
+    WholeIfAny,
     /// True or false.
     Condition,
     /// Floats of 64 bits, some of which may be missing.
@@ -55,6 +57,8 @@ impl Bits {
 pub enum Values {
     /// Whole numbers.
     Whole(Vec<i64>),
+    /// Whole numbers, and which of them are there.
+    WholeIfAny(Vec<i64>, Bits),
     /// Conditions.
     Condition(Bits),
     /// Floats, and which of them are there.
@@ -66,6 +70,7 @@ impl Values {
     pub fn of(kind: Kind) -> Self {
         match kind {
             Kind::Whole => Values::Whole(Vec::new()),
+            Kind::WholeIfAny => Values::WholeIfAny(Vec::new(), Bits::default()),
             Kind::Condition => Values::Condition(Bits::default()),
             Kind::Real => Values::Real(Vec::new(), Bits::default()),
         }

@@ -1,7 +1,7 @@
 // The panel of colours: plain, by a column, best and worst; the column's distribution and the ends of the scale.
 import { BEST, MAP_NAMES, WORST } from "./colours.js";
 import { by, choices, h, oneOf, refill } from "./dom.js";
-import { count, number, title, unit } from "./format.js";
+import { count, digitsBetween, number, title, unit } from "./format.js";
 import { Histogram, spread } from "./histogram.js";
 import { quantile } from "./things.js";
 
@@ -111,7 +111,7 @@ export class Colouring {
     const { state } = this.app;
     const end = (name) => {
       const input = h("input", {
-        type: "text", inputMode: "decimal", className: "number", value: number(scale[name], 4),
+        type: "text", inputMode: "decimal", className: "number", value: number(scale[name], digitsBetween(scale.low, scale.high, 4)),
         ariaLabel: name === "low" ? "First colour at" : "Last colour at",
         onChange: () => {
           const x = Number(input.value);

@@ -1,5 +1,6 @@
 // The line for the terminal that makes tiles of what the picture shows.
 import { BEST, MARK, WORST } from "./colours.js";
+import { digitsBetween } from "./format.js";
 import { runsOf } from "./link.js";
 
 /** One word for a shell. */
@@ -52,7 +53,8 @@ export function command(state, out, { scale, marked, painted }) {
 function coloured({ column, map, low, high, log }) {
   const f = log ? Math.log10 : (x) => x;
   const by = log ? `log10(${column.name})` : column.name;
-  const words = ["--colour-by", quoted(by), "--range", `${Number(f(low).toPrecision(7))}:${Number(f(high).toPrecision(7))}`];
+  const digits = digitsBetween(f(low), f(high), 7);
+  const words = ["--colour-by", quoted(by), "--range", [low, high].map((x) => Number(f(x).toPrecision(digits))).join(":")];
   // a range may begin with a minus sign, which would be an option of its own
   if (words[3].startsWith("-")) words.splice(2, 2, `--range=${words[3]}`);
   return map === "viridis" ? words : [...words, "--map", map];

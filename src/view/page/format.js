@@ -16,21 +16,28 @@ export function many(n, one, more = `${one}s`) {
   return `${count(n)} ${n === 1 ? one : more}`;
 }
 
-/** A number with so many digits that count. */
+/** A number with so many digits that count, and all of those before the point. */
 export function number(x, digits = 4) {
   if (x === null || Number.isNaN(x)) return "–";
   if (Number.isInteger(x) && Math.abs(x) < 1e15) return String(x);
   const size = Math.abs(x);
-  if (size >= 1e6 || size < 1e-4) return x.toExponential(digits - 1).replace(/\.?0+e/, "e").replace("e+", "e");
+  if (size >= 10 ** digits && size < 1e6) return String(Math.round(x));
+  if (size >= Math.max(1e6, 10 ** digits) || size < 1e-4) return x.toExponential(digits - 1).replace(/\.?0+e/, "e").replace("e+", "e");
   const fixed = x.toPrecision(digits);
   return fixed.includes("e") ? String(Number(fixed)) : fixed.includes(".") ? fixed.replace(/\.?0+$/, "") : fixed;
+}
+
+/** How many digits tell numbers between two ends apart as well as `digits` do where one end is 0. */
+export function digitsBetween(low, high, digits) {
+  const common = Math.log10(Math.max(Math.abs(low), Math.abs(high)) / Math.abs(high - low));
+  return Math.min(digits + Math.max(Math.ceil(common) || 0, 0), 15);
 }
 
 /** A value of a column. */
 export function value(x, column, digits = 4) {
   if (x === null || Number.isNaN(x)) return "–";
   if (column.name === "touches_border") return x ? "yes" : "no";
-  return column.whole ? String(x) : number(x, digits);
+  return column.whole ? String(x) : number(x, Math.max(digits, column.digits ?? 0));
 }
 
 /** A column's name in words, and with its unit. */

@@ -1,6 +1,6 @@
 // What stands over the picture, on the screen and in a saved one: the scale bar, the legend, the directions.
 import { BEST, WORST, mapped } from "./colours.js";
-import { logTicks, number, round125, ticks, unit, withUnit } from "./format.js";
+import { digitsBetween, logTicks, number, round125, ticks, unit, withUnit } from "./format.js";
 import { axes } from "./camera.js";
 import { shares } from "./look.js";
 
@@ -87,13 +87,14 @@ function legend(context, what, look) {
   const [a, b] = [Math.min(low, high), Math.max(low, high)];
   const share = shares({ low, high, log });
   const marks = log ? logTicks(a, b) : ticks(a, b, 5);
+  const digits = digitsBetween(a, b, 3);
   let free = -Infinity;
   for (const mark of marks.sort((p, q) => share(p) - share(q))) {
     const at = x + share(mark) * wide;
-    const half = context.measureText(number(mark, 3)).width / 2;
+    const half = context.measureText(number(mark, digits)).width / 2;
     context.fillRect(at - 0.5, y + 36, 1, 4);
     if (at - half < free + 6) continue;
-    context.fillText(number(mark, 3), at, y + 54);
+    context.fillText(number(mark, digits), at, y + 54);
     free = at + half;
   }
   // what lies beyond the ends has their colours

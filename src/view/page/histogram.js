@@ -1,6 +1,6 @@
 // How the values of a column are spread, with a brush that chooses.
 import { h } from "./dom.js";
-import { many, number } from "./format.js";
+import { digitsBetween, many, number } from "./format.js";
 import { barColour, shares } from "./look.js";
 
 const BINS = 64;
@@ -61,6 +61,12 @@ export class Histogram {
     return valueAt(this.data, share);
   }
 
+  /** The value at a share of the way, as text. */
+  told(share) {
+    const { least, most } = this.data;
+    return number(share === 1 ? most : this.value(share), digitsBetween(least, most, 3));
+  }
+
   down(event) {
     if (!this.data?.bins) return;
     this.canvas.setPointerCapture(event.pointerId);
@@ -71,7 +77,7 @@ export class Histogram {
     if (!this.data?.bins) return;
     if (this.from === undefined) {
       const bin = Math.min(Math.floor(this.share(event) * BINS), BINS - 1);
-      const ends = [bin / BINS, (bin + 1) / BINS].map((s) => number(this.value(s), 3));
+      const ends = [bin / BINS, (bin + 1) / BINS].map((s) => this.told(s));
       this.canvas.title = `${many(this.data.bins[bin], this.data.one, this.data.more)} from ${ends[0]} to ${ends[1]}`;
       return;
     }
@@ -84,7 +90,7 @@ export class Histogram {
     if (this.from === undefined) return;
     this.from = undefined;
     if (this.brush && this.brush[1] - this.brush[0] > 0.004) {
-      const ends = this.brush.map((s) => Number(this.value(s).toPrecision(6)));
+      const ends = this.brush.map((s) => Number(this.value(s).toPrecision(digitsBetween(this.data.least, this.data.most, 6))));
       // an end of the brush at the end of the values takes what rounding would leave out
       this.brushed(this.brush[0] <= 0 ? null : ends[0], this.brush[1] >= 1 ? null : ends[1]);
     } else {
@@ -123,11 +129,11 @@ export class Histogram {
     context.fillStyle = soft;
     context.fillRect(0, floor, width, 1);
     context.fillStyle = text;
-    context.fillText(number(data.least, 3), 0, height - 4);
+    context.fillText(this.told(0), 0, height - 4);
     context.textAlign = "center";
-    context.fillText(number(this.value(0.5), 3), width / 2, height - 4);
+    context.fillText(this.told(0.5), width / 2, height - 4);
     context.textAlign = "right";
-    context.fillText(number(data.most, 3), width, height - 4);
+    context.fillText(this.told(1), width, height - 4);
     if (this.brush) {
       const [a, b] = this.brush.map((s) => s * width);
       context.globalAlpha = 0.25;

@@ -1,7 +1,7 @@
 // The section: a plane along an axis, or as the picture is seen; how far it lies; the volume's slice in it.
 import { extent, project } from "./camera.js";
 import { by, choices, h, oneOf, refill } from "./dom.js";
-import { number, unit } from "./format.js";
+import { digitsBetween, number, unit } from "./format.js";
 import { note } from "./messages.js";
 import { add, cross, dot, mix, normal, scale } from "./vector.js";
 
@@ -27,6 +27,13 @@ export class Section {
   /** Least and largest place of the plane. */
   reach(towards = this.now.normal) {
     return extent(this.app.box, towards);
+  }
+
+  /** What a place along the axis of the plane has more in the axes of the scan, in which tables tell places. */
+  begin() {
+    const k = "xyz".indexOf(this.now.axis);
+    const { origin, directions } = this.app.set;
+    return k >= 0 && directions[k][k] === 1 ? origin[k] : 0;
   }
 
   toggle() {
@@ -74,6 +81,7 @@ export class Section {
     by("section-button")?.classList.toggle("on", on);
     if (!on) return;
     const [low, high] = this.reach();
+    const begin = this.begin();
     const slider = h("input", {
       type: "range", className: "grow", min: 0, max: 1000, step: 1, value: Math.round(((at - low) / (high - low)) * 1000),
       ariaLabel: "Place of the section",
@@ -81,8 +89,9 @@ export class Section {
       onChange: () => state.close(),
     });
     const place = h("input", {
-      type: "text", inputMode: "decimal", className: "number", value: number(at, 5), ariaLabel: "Place of the section",
-      onChange: () => Number.isFinite(Number(place.value)) && this.move(Number(place.value)),
+      type: "text", inputMode: "decimal", className: "number", ariaLabel: "Place of the section",
+      value: number(at + begin, digitsBetween(low + begin, high + begin, 5)),
+      onChange: () => Number.isFinite(Number(place.value)) && this.move(Number(place.value) - begin),
     });
     if (this.slider && this.slider === document.activeElement) {
       // the one that is being dragged stays

@@ -58,12 +58,12 @@ export class Server {
     return JSON.parse(new TextDecoder().decode(body));
   }
 
-  /** Sections of 32-bit numbers after a header of four, which starts with `magic`. */
-  async words(path, magic, header) {
+  /** Sections of 32-bit numbers after a header of four, which starts with `magic` and its version. */
+  async words(path, magic, header, version = 1) {
     const { body } = await this.get(path);
     if (body.byteLength < 4 * header || body.byteLength % 4 !== 0) throw new Refused(500, `${path} is cut off.`);
     const words = new Uint32Array(body);
-    if (magicOf(words[0]) !== magic || words[1] !== 1) throw new Refused(500, `${path} is of another version.`);
+    if (magicOf(words[0]) !== magic || words[1] !== version) throw new Refused(500, `${path} is of another version.`);
     return words;
   }
 
@@ -77,16 +77,18 @@ export class Server {
     return words;
   }
 
-  /** The section of a table: ids, and a Float32Array for each of the columns by name. */
+  /** The section of a table: ids, and a Float64Array for each of the columns by name. */
   async table(kind, columns) {
-    const words = await this.words(`/table/${kind}?columns=${columns.map(encodeURIComponent).join(",")}`, "ALVC", 4);
+    const words = await this.words(`/table/${kind}?columns=${columns.map(encodeURIComponent).join(",")}`, "ALVC", 4, 2);
     const [rows, count] = [words[2], words[3]];
-    if (count !== columns.length || words.length !== 4 + rows * (1 + count)) {
+    // numbers of 64 bits lie at multiples of 8 bytes
+    const first = Math.ceil((4 + rows) / 2);
+    if (count !== columns.length || words.length !== 2 * (first + rows * count)) {
       throw new Refused(500, `The table of ${kind} is cut off.`);
     }
-    const floats = new Float32Array(words.buffer);
-    const part = (array, k) => array.subarray(4 + k * rows, 4 + (k + 1) * rows);
-    return { ids: part(words, 0), columns: new Map(columns.map((c, k) => [c, part(floats, k + 1)])) };
+    const floats = new Float64Array(words.buffer);
+    const part = (k) => floats.subarray(first + k * rows, first + (k + 1) * rows);
+    return { ids: words.subarray(4, 4 + rows), columns: new Map(columns.map((c, k) => [c, part(k)])) };
   }
 
   /** Ids of the rows for which a condition holds, in the order asked for. */

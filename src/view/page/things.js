@@ -1,5 +1,6 @@
 // The tables of cells, objects and surfaces, column by column as they are needed.
 import { extent } from "./camera.js";
+import { digitsBetween } from "./format.js";
 import { add, scale, sub } from "./vector.js";
 
 export class Things {
@@ -9,6 +10,10 @@ export class Things {
     this.loaded = new Map();
     this.asked = new Map();
     this.ranked = new Map();
+    const far = digitsOfPlaces(set);
+    for (const { columns } of Object.values(set.tables)) {
+      for (const c of columns.filter(isPlace)) c.digits = far;
+    }
   }
 
   columns(kind) {
@@ -95,6 +100,18 @@ export class Things {
     const half = scale(spacing, 0.5);
     return { low: sub(low, half), high: add(high, half) };
   }
+}
+
+// Where something is, in the axes of the scan.
+function isPlace({ name, unit }) {
+  return /^(centroid|min|max)_[xyz]$|^[xyz]$/.test(name) && unit !== "";
+}
+
+// Scans may lie far from where their axes begin.
+function digitsOfPlaces({ origin, spacing, dims }) {
+  const size = Math.max(...spacing.map((s, k) => s * dims[k]));
+  const far = Math.max(...origin.map(Math.abs));
+  return digitsBetween(far, far + size, 4);
 }
 
 /** Finite values, the least first. */

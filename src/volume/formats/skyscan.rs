@@ -4,6 +4,7 @@
 use crate::error::{Error, Result};
 use crate::grid::Origin;
 use crate::volume::descriptor::VolumeDescriptor;
+use crate::volume::io::text::decoded;
 use crate::volume::stated::size::{self, Step};
 use crate::volume::stated::warning::Warning;
 use std::io::Read;
@@ -50,7 +51,7 @@ pub(crate) fn find(files: &[PathBuf], names: &[String]) -> Result<Option<Log>> {
         let log = std::fs::File::open(file).map_err(fail)?;
         log.take(MAX_LOG).read_to_end(&mut text).map_err(fail)?;
         let name = file.file_name().unwrap_or_default().to_string_lossy();
-        if let Some(log) = Log::parse(&name, &String::from_utf8_lossy(&text)) {
+        if let Some(log) = Log::parse(&name, &decoded(&text)) {
             let stem = file
                 .file_stem()
                 .unwrap_or_default()

@@ -3,6 +3,7 @@
 use crate::error::{Error, Result};
 use crate::store::File;
 use crate::volume::io::data;
+use std::borrow::Cow;
 use std::io::{BufRead, BufReader, Read};
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
@@ -45,13 +46,22 @@ impl Lines {
         if n == 0 {
             return Ok(None);
         }
-        let text = String::from_utf8_lossy(&line);
+        let text = decoded(&line);
         Ok(Some(text.trim_end_matches(['\n', '\r']).to_owned()))
     }
 
     /// Bytes read so far.
     pub(crate) fn position(&self) -> u64 {
         self.position
+    }
+}
+
+/// Text of a header: UTF-8, whose mark may stand in front, or else what older programs write, Latin-1.
+pub(crate) fn decoded(bytes: &[u8]) -> Cow<'_, str> {
+    let text = bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(bytes);
+    match std::str::from_utf8(text) {
+        Ok(text) => text.into(),
+        Err(_) => text.iter().map(|&b| char::from(b)).collect(),
     }
 }
 
@@ -213,6 +223,14 @@ pub(crate) fn in_brackets(size: &[String]) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn text_of_older_programs_is_latin_1() {
+        assert_eq!(decoded("\u{b5}m, \u{3bc}m".as_bytes()), "\u{b5}m, \u{3bc}m");
+        assert_eq!(decoded(b"\xb5m"), "\u{b5}m");
+        assert_eq!(decoded(b"\xef\xbb\xbf[XTekCT]"), "[XTekCT]");
+        assert_eq!(decoded(b""), "");
+    }
 
     #[test]
     fn patterns_print_as_printf_does() {

@@ -1,6 +1,7 @@
 // What is asked of cut faces, of the panels beside the picture, and of the keyboard.
 import assert from "node:assert/strict";
 import fs from "node:fs";
+import path from "node:path";
 import { follow, points } from "./look.mjs";
 import { copiedCommand, count, nap, onScreen, paintedBy, rows, seen, selectedBy } from "./parts.mjs";
 import { decode } from "./session.mjs";
@@ -128,6 +129,46 @@ async function ranking({ open, run, at }) {
   await session.radio("By value").click();
   await session.settle(400);
   assert.equal(await session.tab.inputValue("#colour select[aria-label=Column]"), "area");
+  await session.close();
+}
+
+// Of a scan that lies far from where its axes begin, places are told to a part of a voxel, as in the tables.
+async function farAway({ open, run, at }) {
+  const session = await open("far");
+  const [head, ...lines] = fs.readFileSync(path.join(at("far"), "cells.csv"), "utf8").trim().split("\n").map((line) => line.split(","));
+  const [id, x] = ["id", "centroid_x"].map((name) => head.findIndex((h) => h.split(" ")[0] === name));
+  await session.chooseWhere("id == 30");
+  await session.key("i");
+  await session.until(() => document.querySelector("#info h2")?.innerText === "Cell 30");
+  const told = await session.tab.locator("#info tr", { has: session.tab.locator("td[title^=centroid_x]") }).locator("td").last().innerText();
+  const real = Number(lines.find((line) => line[id] === "30")[x]);
+  assert(Math.abs(Number(told.split(",")[0]) - real) < 0.006, `${told}, ${real} in the table`);
+  await session.key("Escape");
+  await session.radio("By value").click();
+  await session.tab.selectOption("#colour select[aria-label=Column]", "centroid_x");
+  await session.settle(400);
+  const box = await session.tab.locator(".histogram").boundingBox();
+  await session.tab.mouse.move(box.x + box.width / 2, box.y + 20);
+  await session.tab.mouse.down();
+  await session.tab.mouse.move(box.x + box.width * 0.75, box.y + 20, { steps: 4 });
+  await session.tab.mouse.up();
+  await nap(400);
+  await session.key("m", 400);
+  const [rule] = (await session.get("state")).rules.cells;
+  const [n, all] = [rule.where, "id > 0"].map((where) => count(run, at("far"), where));
+  const within = lines.filter((line) => Number(line[x]) >= 123456.789 + 0.45 * 96 * 0.05 && Number(line[x]) <= 123456.789 + 0.8 * 96 * 0.05);
+  assert(n > 5 && n < all && n <= within.length, `${n} of ${all}: ${rule.where}`);
+  const { low, high } = (await copiedCommand(session)).match(/--range (?<low>\S+):(?<high>[^\s']+)/).groups;
+  assert(low > 123456.7 && high < 123461.7 && high - low > 3, `${low} to ${high}`);
+  await session.key("c");
+  await session.tab.locator("#section").getByRole("radio", { name: "x", exact: true }).click();
+  const place = Number(await session.tab.inputValue("#section input[type=text]"));
+  assert(place > 123458 && place < 123461, `the section lies at ${place}`);
+  await session.tab.fill("#section input[type=text]", "123458.5");
+  await session.tab.keyboard.press("Enter");
+  await session.settle(300);
+  const { clip } = await session.get("state");
+  assert(Math.abs(clip.at - 1.711) < 0.03, `a section at 123458.5 lies at ${clip.at}`);
   await session.close();
 }
 
@@ -335,6 +376,7 @@ async function sizes({ open }) {
 export const PANELS = [
   ["cut faces are flat in every colouring, and where something is left out", cutFaces],
   ["what is ranked is told and shown", ranking],
+  ["places of a scan far from the origin", farAway],
   ["a command makes what is shown", commands],
   ["nothing that is needed is covered in any window", layouts],
   ["all is done with the keyboard alone", keyboard],

@@ -58,6 +58,9 @@ function make() {
   convert("foam.mhd", "many", "--threshold", "127.5", "--macrocube", "3");
   run("phantom", "noise", at("noise.mhd"), "--dims", "40,40,40");
   convert("noise.mhd", "noise", "--threshold", "127.5", "--macrocube", "20");
+  const far = fs.readFileSync(at("foam.mhd"), "utf8").replace(/^Offset = .*\n/m, "").replace("NDims = 3\n", "NDims = 3\nOffset = 123456.789 -98765.4321 0\n");
+  fs.writeFileSync(at("far.mhd"), far);
+  convert("far.mhd", "far", "--threshold", "127.5", "--macrocube", "32");
   run("phantom", "sphere", at("sphere.mhd"), "--dims", "24,24,24");
   convert("sphere.mhd", "empty", "--threshold", "250");
   for (const name of ["damaged", "changed", "renamed", "cut", "levels"]) fs.cpSync(at("blender"), at(name), { recursive: true });

@@ -167,7 +167,10 @@ impl Grid {
         let [x, y, z] = self.size;
         let fill = match self.fill.is_nan() {
             true => "no value (NaN)".to_owned(),
-            false => self.fill.to_string(),
+            false => format!(
+                "{}, which counts in the histogram and for thresholds by rule: give a number, or --roi mask:FILE",
+                self.fill
+            ),
         };
         format!(
             "interpolated to {x} x {y} x {z} voxels, since {why}; what lies outside of the slices is {fill}"

@@ -15,7 +15,7 @@ use crate::volume::format::{Format, listed};
 use crate::volume::formats::foreign::{Described, dtype_of};
 use crate::volume::io::blob::Blob;
 use crate::volume::io::data::{Data, Encoding, Start};
-use crate::volume::io::text::{self, Field};
+use crate::volume::io::text::{self, Field, decoded};
 use crate::volume::options::{Choice, OpenOptions};
 use crate::volume::stated::size::{Step, voxel_size};
 use crate::volume::stated::warning::Warning;
@@ -47,19 +47,24 @@ const MAX_HEADER: u64 = 4 << 20;
 fn parse(path: &Path, options: &OpenOptions) -> Result<VolumeDescriptor> {
     let blob = Blob::file(path)?;
     let head = blob.head(MAX_HEADER)?;
-    let mark = head.windows(4).position(|w| w == b"\n@1\n");
-    let Some(end) = mark else {
+    let mark = ["\n@1\n", "\n@1\r\n"].into_iter().filter_map(|mark| {
+        let at = head
+            .windows(mark.len())
+            .position(|w| w == mark.as_bytes())?;
+        Some((at, at + mark.len()))
+    });
+    let Some((end, first)) = mark.min() else {
         let expected = "a header of text, and samples behind a line `@1`";
         return Err(Error::format(path, "no samples", expected)
             .with_hint("the file is cut short, or holds no grid"));
     };
-    let text = String::from_utf8_lossy(&head[..end + 1]);
+    let text = decoded(&head[..end + 1]);
     let header = Header::parse(&text);
     let dims = header.lattice(path)?;
     let endian = endian(path, &text)?;
     let array = chosen(path, &header, options)?;
     let dtype = dtype(path, array)?;
-    let start = start(&blob, &header, array, end as u64 + 4, dims)?;
+    let start = start(&blob, &header, array, first as u64, dims)?;
     let encoding = match array.packing {
         Packing::None => Encoding::Raw,
         Packing::Zip(_) => Encoding::Zlib,
@@ -192,19 +197,22 @@ fn start(blob: &Blob, header: &Header, array: &Array, first: u64, dims: Dims) ->
             Error::unsupported(blob.path(), what, "save it in a file of its own")
         };
         let end = start.saturating_add(size.ok_or_else(unknown)?);
-        let expected = format!("@{}\n", mark + 1);
+        let expected = ["\n", "\r\n"].map(|end| format!("@{}{end}", mark + 1));
         // a line may end behind the samples
         let mut next = vec![0; 16.min(bytes.len().saturating_sub(end)) as usize];
         bytes.read_at(end, &mut next)?;
-        let blank = next.iter().take_while(|b| **b == b'\n').count();
-        if !next[blank..].starts_with(expected.as_bytes()) {
+        let blank = next.iter().take_while(|b| b"\r\n".contains(b)).count();
+        let found = expected
+            .iter()
+            .find(|mark| next[blank..].starts_with(mark.as_bytes()));
+        let Some(expected) = found else {
             let found = format!("no `@{}` at byte {end}", mark + 1);
             return Err(Error::format(
                 blob.path(),
                 found,
                 "arrays one behind the other",
             ));
-        }
+        };
         start = end + (blank + expected.len()) as u64;
     }
     Ok(start)

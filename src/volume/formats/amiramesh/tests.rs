@@ -78,6 +78,29 @@ fn samples_as_they_are_in_both_orders() {
     }
 }
 
+/// As programs of Windows write them: lines end with CRLF, and the sign of micrometres is that of Latin-1.
+#[test]
+fn headers_of_other_systems_are_read() {
+    let place = PLACE.replace("mm", "\u{b5}m");
+    let [plain, two] = [
+        DATA,
+        "Lattice { ushort First } @1\nLattice { ushort Data } @2\n",
+    ]
+    .map(|arrays| little(&place, arrays, &[]));
+    let of_windows = |head: &[u8]| -> Vec<u8> {
+        let text = std::str::from_utf8(head).unwrap().replace('\n', "\r\n");
+        text.chars().map(|c| c as u8).collect()
+    };
+    let plain = [of_windows(&plain), samples()].concat();
+    let second = [&[7; 48][..], b"\r\n@2\r\n", &samples()].concat();
+    let two = [of_windows(&two), second].concat();
+    for (bytes, dataset) in [(plain, None), (two, Some("Data"))] {
+        assert_eq!(all(&bytes, dataset).unwrap(), samples());
+        let opened = opened(&bytes, dataset).unwrap();
+        assert_eq!(opened.volume.header().placement.unit, Unit::Micrometre);
+    }
+}
+
 #[test]
 fn packed_samples_are_unpacked() {
     let labels: Vec<u8> = [vec![0; 10], (1..=7).collect(), vec![9; 7]].concat();

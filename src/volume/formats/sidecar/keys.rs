@@ -2,7 +2,7 @@
 
 use crate::error::{Error, Result};
 use crate::volume::io::blob::Blob;
-use crate::volume::io::text::Field;
+use crate::volume::io::text::{Field, decoded};
 use std::path::Path;
 
 /// No header is longer.
@@ -40,7 +40,7 @@ impl<'a> Keys<'a> {
     }
 
     fn parse(path: &'a Path, bytes: &[u8]) -> Self {
-        let text = String::from_utf8_lossy(bytes);
+        let text = decoded(bytes);
         let (mut group, mut section) = (String::new(), String::new());
         let mut lines = Vec::new();
         for line in text.lines().map(str::trim) {
