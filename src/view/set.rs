@@ -67,6 +67,7 @@ pub fn description(set: &TileSet, nodes: &NodeLookup, told: &Told) -> Result<Val
         "objects": totals.objects,
         "surfaces": totals.surfaces,
         "cap": manifest.cap,
+        "buried": are_buried(set),
         "form": form(manifest),
         "lattice": LATTICE,
         "levels": levels,
@@ -94,6 +95,28 @@ fn form(manifest: &Manifest) -> &'static str {
         form if form.encoding == Form::BLENDER.encoding => "blender",
         _ => "quantized",
     }
+}
+
+/// True if all cells lie inside of material, which hides them from all sides. A table that cannot be read tells of none;
+/// that it cannot is told where its values are asked for.
+fn are_buried(set: &TileSet) -> bool {
+    let manifest = set.manifest();
+    let totals = &manifest.totals;
+    // what the border cuts is open there, and a cap is a surface of its own
+    if manifest.cap || totals.cells == 0 || totals.border_edges > 0 {
+        return false;
+    }
+    let none_touches = || -> Result<bool> {
+        let mut reader = Table::Cells.open(set.dir(), manifest)?;
+        let touches = reader.own_column("touches_border")?;
+        while let Some(row) = reader.next_row()? {
+            if row.number(touches)? != Some(0.0) {
+                return Ok(false);
+            }
+        }
+        Ok(true)
+    };
+    none_touches().unwrap_or(false)
 }
 
 /// Rows and columns of a table.

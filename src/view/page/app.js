@@ -153,7 +153,12 @@ export class App {
 
   // Nothing is left out, as far as is known.
   get solid() {
-    return this.look?.solid ?? true;
+    return (this.look?.solid ?? true) && !this.buried();
+  }
+
+  /** Whether cells are shown through the material that hides them from all sides, until a section opens it. */
+  buried() {
+    return this.set.buried && !this.state.now.clip.on && !this.director.inside();
   }
 
   style() {
@@ -169,7 +174,7 @@ export class App {
   cut() {
     const { kind } = this.state.now;
     if (this.solid) return { cutKind: FACE.back, cutOwn: false };
-    if (kind === "objects") return { cutKind: FACE.back, cutOwn: true };
+    if (kind === "objects" && !this.buried()) return { cutKind: FACE.back, cutOwn: true };
     // inside of a cell nothing is cut: one looks at its wall
     if (kind === "cells" && !this.director.inside()) return { cutKind: FACE.front, cutOwn: true };
     return { cutKind: FACE.none, cutOwn: false };

@@ -73,7 +73,7 @@ function clip(c, otherwise) {
   return {
     on: c.on === true,
     axis: one(c.axis, AXES, otherwise.axis),
-    normal: numbers(c.normal, 3) && Math.hypot(...c.normal) > 0.5 ? c.normal : otherwise.normal,
+    normal: numbers(c.normal, 3) && Math.abs(Math.hypot(...c.normal) - 1) < 1e-6 ? c.normal : otherwise.normal,
     at: number(c.at, otherwise.at),
     flip: c.flip === true,
     slice: one(c.slice, ["none", "material", "whole"], otherwise.slice),

@@ -97,6 +97,33 @@ async function allRows(session) {
   }
 }
 
+// Hollows that material hides from all sides are shown through it, in their colours, and can be chosen; a section opens it.
+async function buried({ open }) {
+  const session = await open("cast");
+  await session.radio("By value").click();
+  await session.tab.selectOption("#colour select[aria-label=Column]", "voxels");
+  await session.settle(400);
+  const picked = new Set();
+  for (const [x, y] of points(await session.size(), 30, 20)) {
+    const found = await session.pick(x, y);
+    if (found) picked.add(found.id);
+  }
+  assert(picked.size >= 4 && !picked.has(0), `picked: ${[...picked]}`);
+  const bodies = await flat(session, BACK);
+  assert(bodies.seen > 10 && bodies.flat < bodies.seen / 2 && bodies.cut === 0, JSON.stringify(bodies));
+  for (const kind of ["Objects", "Surfaces"]) {
+    await session.radio(new RegExp(kind)).click();
+    await session.settle(400);
+    const shaded = await flat(session, BACK);
+    assert(shaded.seen > 10 && shaded.flat < shaded.seen / 2, `${kind}: ${JSON.stringify(shaded)}`);
+  }
+  await session.radio(/Cells/).click();
+  await session.key("c", 400);
+  const material = await flat(session, BACK);
+  assert(material.seen > 30 && mostly(material), `cut: ${JSON.stringify(material)}`);
+  await session.close();
+}
+
 // What is ranked is told, and is what the panel shows.
 async function ranking({ open, run, at }) {
   const session = await open("blender");
@@ -375,6 +402,7 @@ async function sizes({ open }) {
 /** [name, test]. */
 export const PANELS = [
   ["cut faces are flat in every colouring, and where something is left out", cutFaces],
+  ["what material hides from all sides is shown", buried],
   ["what is ranked is told and shown", ranking],
   ["places of a scan far from the origin", farAway],
   ["a command makes what is shown", commands],

@@ -61,6 +61,14 @@ function make() {
   const far = fs.readFileSync(at("foam.mhd"), "utf8").replace(/^Offset = .*\n/m, "").replace("NDims = 3\n", "NDims = 3\nOffset = 123456.789 -98765.4321 0\n");
   fs.writeFileSync(at("far.mhd"), far);
   convert("far.mhd", "far", "--threshold", "127.5", "--macrocube", "32");
+  // hollows in a solid block
+  const [n, samples] = [48, new Uint8Array(48 ** 3).fill(200)];
+  for (let i = 0; i < samples.length; i++) {
+    const [x, y, z] = [i % n, Math.floor(i / n) % n, Math.floor(i / n / n)].map((c) => (c % 24) - 11.5);
+    if (x * x + y * y + z * z < 49) samples[i] = 20;
+  }
+  fs.writeFileSync(at("cast.raw"), samples);
+  convert("cast.raw", "cast", "--dims", `${n},${n},${n}`, "--dtype", "u8", "--threshold", "110", "--macrocube", "16");
   run("phantom", "sphere", at("sphere.mhd"), "--dims", "24,24,24");
   convert("sphere.mhd", "empty", "--threshold", "250");
   for (const name of ["damaged", "changed", "renamed", "cut", "levels"]) fs.cpSync(at("blender"), at(name), { recursive: true });
