@@ -3,6 +3,7 @@ import { BEST, MAP_NAMES, WORST } from "./colours.js";
 import { by, choices, h, oneOf, refill } from "./dom.js";
 import { count, digitsBetween, number, title, unit } from "./format.js";
 import { Histogram, spread } from "./histogram.js";
+import { over, trouble } from "./messages.js";
 import { quantile } from "./things.js";
 
 const FIRST = { cells: "volume", objects: "volume", surfaces: "area" };
@@ -82,7 +83,16 @@ export class Colouring {
   /** Colours by a column; a logarithmic scale where values are spread over powers of ten. */
   async take(name) {
     const { state, things } = this.app;
-    const values = await things.sorted(state.now.kind, name);
+    let values;
+    try {
+      values = await things.sorted(state.now.kind, name);
+      over("column");
+    } catch (error) {
+      trouble("column", error.message);
+      // the list of columns names the one that colours again
+      await this.build(this.app.look);
+      return;
+    }
     const [low, high] = [0.02, 0.98].map((share) => quantile(values, share));
     const log = low > 0 && high / low > 60;
     state.setColour({ by: "column", column: name, log, low: null, high: null });

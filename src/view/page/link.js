@@ -90,7 +90,8 @@ function packed(rule) {
 function unpacked(rule) {
   if (rule === null || typeof rule !== "object" || !RULES.includes(rule.do)) return null;
   const out = { do: rule.do };
-  if (typeof rule.where === "string") out.where = rule.where.slice(0, 4000);
+  // a part of a condition is another one
+  if (typeof rule.where === "string" && rule.where.length <= 4000) out.where = rule.where;
   else if (typeof rule.ids === "string") {
     const ids = [];
     for (const run of rule.ids.split(",")) {

@@ -2,6 +2,8 @@
 import { by, h, menu } from "./dom.js";
 import { count, many, singular, title, unit, value } from "./format.js";
 
+/** Two clicks within so many ms are a double click. */
+const TWICE = 500;
 const ROW = 27;
 /** Browsers do not scroll further than this. */
 const TALLEST = 8e6;
@@ -58,7 +60,6 @@ export class List {
     this.body = h("div", { className: "grid-body", tabIndex: 0, onScroll: () => this.rows(), onKeydown: (e) => this.key(e) },
       this.spacer, this.shownRows);
     this.shownRows.addEventListener("click", (e) => this.click(e));
-    this.shownRows.addEventListener("dblclick", (e) => this.twice(e));
     new ResizeObserver(() => this.rows()).observe(this.body);
     by("list").replaceChildren(
       h("div", { className: "headline" }, h("div", {}, this.heading, this.told), h("div", { className: "row tight" }, this.take, columns)),
@@ -210,17 +211,20 @@ export class List {
     const id = this.id(event);
     const { choice } = this.app;
     if (id === null) return;
+    // the first click makes the row anew, so that the browser sees no double click
+    const { id: before, time } = this.clicked ?? {};
+    this.clicked = { id, time: event.timeStamp };
+    if (id === before && event.timeStamp - time < TWICE && !event.shiftKey && !event.ctrlKey && !event.metaKey) {
+      this.clicked = null;
+      this.app.info.open(id, { fly: true });
+      return;
+    }
     if (event.shiftKey && this.anchor !== undefined && this.place.has(this.anchor)) {
       const [a, b] = [this.place.get(this.anchor), this.place.get(id)].sort((p, q) => p - q);
       choice.set([...this.order.subarray(a, b + 1)], { from: "list" });
     } else if (event.ctrlKey || event.metaKey) choice.toggle(id, "list");
     else choice.set([id], { from: "list" });
     if (!event.shiftKey) this.anchor = id;
-  }
-
-  twice(event) {
-    const id = this.id(event);
-    if (id !== null) this.app.info.open(id, { fly: true });
   }
 
   key(event) {

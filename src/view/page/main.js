@@ -4,7 +4,7 @@ import { AT_ONCE, Blocks } from "./blocks.js";
 import { boxOf, framed } from "./camera.js";
 import { MOST, clipOf, viewOf } from "./director.js";
 import { decode, parts } from "./link.js";
-import { cover, over, trouble } from "./messages.js";
+import { cover, note, over, trouble } from "./messages.js";
 import { Picture } from "./picture.js";
 import { Refused, Server } from "./server.js";
 import { State, fresh } from "./state.js";
@@ -54,6 +54,7 @@ async function open() {
   watchLink(app);
   cover(null);
   await app.begin();
+  if (!kept && text) note(UNKNOWN);
   app.director.ready.then(ready);
 }
 
@@ -131,6 +132,8 @@ function watchContext({ picture, blocks, director, section, upload }) {
   });
 }
 
+const UNKNOWN = "The link tells of no view: it may be cut short. This is the usual view.";
+
 // Somebody puts another link of the same server into the address.
 function watchLink({ state, token }) {
   addEventListener("hashchange", () => {
@@ -138,6 +141,7 @@ function watchLink({ state, token }) {
     const then = decode(link.text);
     if (link.token !== token) location.reload();
     else if (then) state.restore(then);
+    else if (link.text) note(UNKNOWN);
   });
 }
 

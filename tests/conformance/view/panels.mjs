@@ -124,6 +124,21 @@ async function buried({ open }) {
   await session.close();
 }
 
+// Two clicks on a row tell all of it, though the first makes the row anew.
+async function rowTwice({ open }) {
+  const session = await open("blender");
+  const row = session.tab.locator(".grid-row").nth(3);
+  const id = await row.getAttribute("data-id");
+  await row.dblclick();
+  await session.until((n) => document.querySelector("#info h2")?.innerText === `Cell ${n}`, id);
+  await session.settle(300);
+  const { camera } = await session.get("state");
+  await session.tab.locator(".grid-row").nth(4).click();
+  await nap(300);
+  assert.deepEqual((await session.get("state")).camera, camera, "one click does not fly");
+  await session.close();
+}
+
 // What is ranked is told, and is what the panel shows.
 async function ranking({ open, run, at }) {
   const session = await open("blender");
@@ -403,6 +418,7 @@ async function sizes({ open }) {
 export const PANELS = [
   ["cut faces are flat in every colouring, and where something is left out", cutFaces],
   ["what material hides from all sides is shown", buried],
+  ["two clicks on a row", rowTwice],
   ["what is ranked is told and shown", ranking],
   ["places of a scan far from the origin", farAway],
   ["a command makes what is shown", commands],
