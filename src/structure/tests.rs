@@ -285,6 +285,44 @@ fn air_around_a_sample_is_left_out_of_slices() {
     );
 }
 
+/// The air around a sample may be open to a cell that was cut from it: no tile tells where it ends, so slices have no
+/// porosity, and the voxels of one are told all the same. One that is open to nothing is left out as ever.
+#[test]
+fn air_that_is_open_to_a_cell_is_told() {
+    for (hole, leaks) in [(2.3, true), (0.0, false)] {
+        let samples = (0..27_000u32).map(|i| {
+            let at = [i % 30, i / 30 % 30, i / 900];
+            let r = at.map(square).iter().sum::<f64>().sqrt();
+            let in_hole = at[0] > 14 && (square(at[1]) + square(at[2])).sqrt() < hole;
+            if (7.5..13.0).contains(&r) && !in_hole {
+                255u8
+            } else {
+                0
+            }
+        });
+        let volume = MemoryVolume::new(Dims([30; 3]), Placement::default(), samples.collect());
+        let options = ConvertOptions {
+            threshold: 128.0,
+            macrocube: [9; 3],
+            split: Some(Default::default()),
+            ..ConvertOptions::default()
+        };
+        let wanted = Wanted {
+            outside: Outside::BorderCell,
+            ..EVERYTHING
+        };
+        let volume = volume.unwrap();
+        let (found, set, _dir) = measured(&volume, &options, &wanted);
+        assert_eq!(set.manifest().totals.cells, 2);
+        assert_eq!(found.profile.is_none(), leaks);
+        let told = found.notes.iter().any(|n| n.contains("is open to cell 2"));
+        assert_eq!(told, leaks, "{:?}", found.notes);
+        assert!(found.fabric.is_some() && found.slice.is_some());
+        let (all, ..) = measured(&volume, &options, &EVERYTHING);
+        check_slices(&all, &volume, [30; 3]);
+    }
+}
+
 /// What is left out as dust is filled in the tiles as well.
 #[test]
 fn dust_is_filled() {
