@@ -13,6 +13,7 @@ use super::region_edge::{RegionEdge, TileEdge};
 use super::report::{Issue, Issues};
 use super::seen::Seen;
 use super::sweep::{Component, FaceEdge, TileFront};
+use super::voxels::CellVoxels;
 use super::walls::{self, Crossing, Slant, WallScale};
 use crate::grid::{Placement, Tiling};
 use crate::manifest::{Bounds, Layout, Manifest, TileEntry};
@@ -108,8 +109,8 @@ pub(super) struct Outcome {
     pub front: Option<TileFront>,
     pub counts: Counts,
     pub voxels: Voxels,
-    /// Cells with their voxels by the labels, if these are there.
-    pub cells: Vec<[u64; 2]>,
+    /// Cells with their voxels, if it is known of each which cell it is of.
+    pub cells: Vec<(u64, CellVoxels)>,
     pub issues: Issues,
 }
 
@@ -178,15 +179,19 @@ pub(super) fn check(
         }
         if let Some(labels) = labels {
             let begins = ws.weld.begins().filter(|_| faces.is_some());
-            let found = labels.compare(&region, &ws.mesh, begins);
+            let found = labels.compare(&region, &ws.mesh, cx.rotated.as_ref(), begins);
             if let Some(misplaced) = found.misplaced.filter(|_| !issues.broken()) {
                 issues.push(misplaced.issue(&entry.path));
             }
-            cells = found.counts;
+            cells = found.voxels;
         }
     }
     let chords = match &cx.walls {
         Some(scale) if faces.is_some() && !issues.broken() => {
+            if let Some(labels) = original.and_then(|samples| samples.labels) {
+                let unknown = ws.crossings.iter_mut().filter(|at| at.cell == 0);
+                unknown.for_each(|at| at.cell = labels.cell_at(at.voxel_below()));
+            }
             let of_volume: Option<Vec<Slant>> =
                 original.map(|samples| samples.band.slants(&ws.crossings, scale));
             walls::of_tile(&ws.crossings, ws.weld.noted(), of_volume.as_deref(), scale)
@@ -237,12 +242,13 @@ pub(super) fn empty(
     let voxels = band.compare(&region, rule, &mut ws.mesh, &mut flaws);
     let path = format!("macrocube {} {} {}", grid[0], grid[1], grid[2]);
     differences(&path, &flaws, &mut issues);
-    let found = labels.map(|labels| labels.compare(&region, &ws.mesh, std::iter::empty()));
+    let found = labels
+        .map(|labels| labels.compare(&region, &ws.mesh, cx.rotated.as_ref(), std::iter::empty()));
     Outcome {
         front: None,
         counts: Counts::default(),
         voxels,
-        cells: found.unwrap_or_default().counts,
+        cells: found.unwrap_or_default().voxels,
         issues,
     }
 }

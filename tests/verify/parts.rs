@@ -14,10 +14,10 @@ use std::process::Command;
 
 /// Samples and labels of a small volume.
 pub(crate) struct Scan {
-    dims: [usize; 3],
+    pub(crate) dims: [usize; 3],
     pub(crate) samples: Vec<u8>,
-    labels: Vec<u16>,
-    threshold: u8,
+    pub(crate) labels: Vec<u16>,
+    pub(crate) threshold: u8,
 }
 
 impl Scan {
@@ -312,13 +312,23 @@ impl Sound {
 
     /// The codes that a broken copy yields; `edit` returns false if nothing was there to be broken.
     pub(crate) fn broken(&self, edit: impl FnOnce(&Set) -> bool) -> Option<BTreeSet<Code>> {
+        self.broken_by(None, edit)
+    }
+
+    /// The same where it is compared with a volume, if there is one.
+    pub(crate) fn broken_by(
+        &self,
+        scan: Option<&Scan>,
+        edit: impl FnOnce(&Set) -> bool,
+    ) -> Option<BTreeSet<Code>> {
         let copy = tempfile::tempdir().unwrap();
         let to = copy.path().join("own");
         copy_all(&self.dir.path().join("own"), &to);
         let set = Set(&to);
         let edited = edit(&set);
         set.seal();
-        edited.then(|| codes(&check(&to)))
+        let report = || scan.map_or_else(|| check(&to), |scan| scan.compare(&to));
+        edited.then(|| codes(&report()))
     }
 
     /// Tries all tiles until one yields exactly a code.

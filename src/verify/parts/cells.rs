@@ -53,7 +53,7 @@ impl CellRow {
 pub(super) struct CellTable<'a> {
     cx: &'a Context<'a>,
     table: Table,
-    rows: ComponentRows<'a>,
+    pub rows: ComponentRows<'a>,
     exact: Exactness,
     unit: &'static str,
     last: u64,
