@@ -116,7 +116,8 @@ pub struct ConvertArgs {
     /// how many cells other ratios give. Comes after the filters and --min-voxels.
     #[arg(long, value_name = "RATIO", num_args = 0..=1, default_missing_value = "0.8", allow_negative_numbers = true, value_parser = parse::ratio, conflicts_with = "labels")]
     split: Option<u32>,
-    /// With --split: do not cut where the radius falls by less than this, in voxels of the finest axis; 1 for thin tubes
+    /// With --split: do not cut where the radius falls by less than this, in voxels of the finest axis, to 1/256 of one; 1 for
+    /// thin tubes
     #[arg(long, value_name = "H", default_value = "0.5", allow_hyphen_values = true, value_parser = parse::voxels_256, requires = "split", conflicts_with = "labels")]
     split_h: u32,
     /// With --split: what is thinner than this radius, in voxels of the finest axis, is no cell of its own

@@ -455,7 +455,9 @@ fn make(job: &Conversion, work: &Path, checkpointer: &mut Checkpointer) -> Resul
     let found = found.map_or((0, &[][..]), |found| (found.unlabelled, &found.curve[..]));
     let cells = job.stated_cells(found.0, found.1);
     let of_parts = cells.as_ref();
-    warnings.extend(of_parts.and_then(|parts| warnings_of_parts(parts, totals.cells)));
+    let in_region = job.options.region.is_some();
+    let more = of_parts.and_then(|parts| warnings_of_parts(parts, totals.cells, in_region));
+    warnings.extend(more);
     warnings
         .iter()
         .for_each(|warning| job.progress.warn(warning));

@@ -40,7 +40,7 @@
 //!    face from above to below at every vertex, so the bits that the mesh implies are the volume's. What
 //!    was left out as dust are the components below the size, as many as stated, and no other.
 //! 10. Normals are those of the volume's gradient, up to the rounding of tiles that store them in 8 bits.
-//! 11. Areas and thicknesses of walls are those of its samples, up to rounding.
+//! 11. Areas and thicknesses of walls are those of its samples, up to what gradients in 32 bits leave.
 //! 12. With the labels that cells were made by: each voxel below counts for the cell of its label, triangles begin at voxels
 //!     of their cell, and no other cell has a row; see the module for labels. Cells that were split are split again, and
 //!     the same holds of these; and openings and numbers of cells are those that this gives.

@@ -52,13 +52,15 @@ fn sound(scan: &Scan, more: &[&str]) -> Sound {
     Sound { dir }
 }
 
-/// Another number in the place of one.
-fn other(field: &str) -> String {
-    match field.parse::<i64>() {
-        Ok(1) => "0".to_owned(),
-        Ok(whole) => (whole + 1).to_string(),
-        Err(_) if field.is_empty() => "1".to_owned(),
-        Err(_) => (field.parse::<f64>().unwrap() * 1.001).to_string(),
+/// Another number in the place of one: the next whole one, or one that is larger by so much of itself.
+fn other(field: &str, column: &str, by: f64) -> String {
+    let is_whole = !column.contains('[') && column != "ratio" && !field.contains('.');
+    match field {
+        "" => "1".to_owned(),
+        "1" if is_whole => "0".to_owned(),
+        "0" => "1".to_owned(),
+        _ if is_whole => (field.parse::<i64>().unwrap() + 1).to_string(),
+        _ => (field.parse::<f64>().unwrap() * (1.0 + by)).to_string(),
     }
 }
 
@@ -68,11 +70,15 @@ fn missed(sound: &Sound, scan: Option<&Scan>, name: &str) -> BTreeSet<String> {
     let text = fs::read_to_string(sound.dir.path().join("own").join(&file)).unwrap();
     let rows = text.lines().count() - 1;
     let columns = text.lines().next().unwrap().split(',');
+    // areas and thicknesses of walls hang on normals, which are not known as well as whole numbers are
+    let by = if name == "walls" { 0.01 } else { 0.001 };
     let mut missed = BTreeSet::new();
     for (at, column) in columns.enumerate() {
         for row in BTreeSet::from([rows / 3, rows - 1]) {
             let found = sound.broken_by(scan, |set| {
-                edit_table(set, &file, |rows| rows[row][at] = other(&rows[row][at]));
+                edit_table(set, &file, |rows| {
+                    rows[row][at] = other(&rows[row][at], column, by)
+                });
                 true
             });
             let found = found.unwrap();
@@ -128,19 +134,24 @@ fn each_number_is_held_against_others_by_the_tiles() {
 fn possible_necks_and_curves_are_held_against_the_volume() {
     let scan = leaky();
     let sound = sound(&scan, &["--spacing", "0.5"]);
-    let move_by = |rows: &mut Vec<Vec<String>>, at: usize, by: f64| {
-        let field = &mut rows[1][at];
-        *field = (field.parse::<f64>().unwrap() + by).to_string();
-    };
+    let necks = fs::read_to_string(sound.dir.path().join("own/necks.csv")).unwrap();
+    let mut unseen = 0;
     for at in 4..7 {
-        let edit = |set: &Set| {
-            edit_table(set, "necks.csv", |rows| move_by(rows, at, 0.5));
-            true
-        };
-        assert_eq!(sound.broken_by(None, edit), Some(BTreeSet::new()), "{at}");
-        let found = sound.broken_by(Some(&scan), edit).unwrap();
-        assert!(found.iter().eq([&Code::TableValue]), "{at}: {found:?}");
+        for row in 0..necks.lines().count() - 1 {
+            // by a voxel
+            let edit = |set: &Set| {
+                edit_table(set, "necks.csv", |rows| {
+                    let field = &mut rows[row][at];
+                    *field = (field.parse::<f64>().unwrap() + 0.5).to_string();
+                });
+                true
+            };
+            unseen += usize::from(sound.broken_by(None, edit) == Some(BTreeSet::new()));
+            let found = sound.broken_by(Some(&scan), edit).unwrap();
+            assert!(found.iter().eq([&Code::TableValue]), "{at}: {found:?}");
+        }
     }
+    assert!(unseen > 3, "{unseen}");
     let curve = |at: usize, by: i64| {
         move |set: &Set| {
             set.manifest(|m| {
