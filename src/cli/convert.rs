@@ -17,7 +17,8 @@ use crate::convert::{self, ConvertOptions, ConvertReport, NeckRule};
 use crate::error::{Error, Result};
 use crate::grid::{Ambiguous, Origin, Unit};
 use crate::lod::{LodOptions, LodReport};
-use crate::manifest::Form;
+use crate::manifest::{Form, Manifest};
+use crate::progress::Progress;
 use crate::volume::{Opened, Stamp};
 use crate::words::exact;
 use clap::{Args, ValueEnum, ValueHint};
@@ -234,6 +235,10 @@ impl ConvertArgs {
     /// Adds levels of detail to the tile set in a directory, if they are asked for.
     pub fn levels(&self, out: &Path, console: &Console) -> Result<Option<LodReport>> {
         if !self.lod {
+            return Ok(None);
+        }
+        if Manifest::open(out)?.totals.tiles == 0 {
+            console.warn("there is no surface, so there are no levels of detail of it");
             return Ok(None);
         }
         let options = LodOptions {

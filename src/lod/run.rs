@@ -25,7 +25,9 @@ use std::time::Instant;
 /// Triangles of a root that a viewer can always show.
 const ROOT: u64 = 100_000;
 /// Memory that is used for everything but nodes in the making.
-const FIXED: u64 = 48 << 20;
+const FIXED: u64 = 32 << 20;
+/// Pixels that an error may have: beyond these a viewer shows all tiles, or the root alone, however far away.
+const PIXEL_ERRORS: [f64; 2] = [0.001, 1000.0];
 
 /// How levels are made.
 #[derive(Debug, Clone, Copy)]
@@ -34,7 +36,7 @@ pub struct LodOptions {
     pub ratio: f64,
     /// The most levels, the tiles counted; at least 2. Without it there are as many as lead to one root.
     pub levels: Option<u32>,
-    /// Pixels that an error may have on the screen of a viewer of 3D Tiles; above 0.
+    /// Pixels that an error may have on the screen of a viewer of 3D Tiles; 0.001 to 1000.
     pub pixel_error: f64,
     /// Most bytes of memory.
     pub memory: u64,
@@ -100,15 +102,8 @@ pub fn lod(out: &Path, options: &LodOptions, progress: &dyn Progress) -> Result<
     let start = Instant::now();
     check(options)?;
     let set = TileSet::open(out)?;
-    if let Some(levels) = set.levels()?.filter(|_| !options.force) {
-        if options.resume && is_of(&levels, options) {
-            return Ok(report(&levels, set.manifest(), start));
-        }
-        return Err(Error::usage(
-            out.display().to_string(),
-            "levels of detail there already",
-            "a tile set without them, or --force to make them anew",
-        ));
+    if let Some(levels) = kept_levels(&set, options)? {
+        return already(&levels, &set, options, progress, start);
     }
     if set.manifest().cells.is_some() {
         return Err(Error::usage(
@@ -128,7 +123,7 @@ pub fn lod(out: &Path, options: &LodOptions, progress: &dyn Progress) -> Result<
     // what had been interrupted while it was moved in is there now
     let set = TileSet::open(out)?;
     let manifest = set.manifest().clone();
-    if let Some(levels) = set.levels()?.filter(|_| !options.force) {
+    if let Some(levels) = kept_levels(&set, options)? {
         return Ok(report(&levels, &manifest, start));
     }
     let identity = Identity {
@@ -178,6 +173,57 @@ pub fn lod(out: &Path, options: &LodOptions, progress: &dyn Progress) -> Result<
     })
 }
 
+/// The levels that a set has, if they are not to be replaced: of those nothing is read, for they may be damaged.
+fn kept_levels(set: &TileSet, options: &LodOptions) -> Result<Option<Levels>> {
+    if options.force {
+        return Ok(None);
+    }
+    set.levels().map_err(|error| {
+        error.with_hint("--force makes the levels of detail anew; the tiles stay as they are")
+    })
+}
+
+/// What is to be done with levels that are there: nothing, if to go on with them was asked for.
+fn already(
+    levels: &Levels,
+    set: &TileSet,
+    options: &LodOptions,
+    progress: &dyn Progress,
+    start: Instant,
+) -> Result<LodReport> {
+    if options.resume && is_of(levels, options) {
+        progress.warn("the levels of detail are there and finished: nothing was done");
+        return Ok(report(levels, set.manifest(), start));
+    }
+    let of = |ratio: f64, count: Option<u32>, pixels: f64| {
+        let count = count.map_or("all".to_owned(), |n| n.to_string());
+        format!("--ratio {ratio}, {count} levels and --pixel-error {pixels}")
+    };
+    let found = match options.resume {
+        true => format!(
+            "levels of detail there already, made with {}",
+            of(
+                levels.ratio,
+                Some(levels.levels.len() as u32 + 1),
+                levels.pixel_error
+            )
+        ),
+        false => "levels of detail there already".to_owned(),
+    };
+    let expected = match options.resume {
+        true => format!(
+            "those of {}, or --force to make them anew",
+            of(options.ratio, options.levels, options.pixel_error)
+        ),
+        false => "a tile set without them, or --force to make them anew".to_owned(),
+    };
+    Err(Error::usage(
+        set.dir().display().to_string(),
+        found,
+        expected,
+    ))
+}
+
 /// True if levels that are there are those that are asked for.
 fn is_of(levels: &Levels, options: &LodOptions) -> bool {
     let count = levels.levels.len() as u32 + 1;
@@ -212,12 +258,10 @@ fn check(options: &LodOptions) -> Result<()> {
             "2 or more, the tiles counted",
         );
     }
-    if !(pixel_error > 0.0 && pixel_error.is_finite()) {
-        return wrong(
-            "--pixel-error",
-            pixel_error.to_string(),
-            "a number of pixels above 0",
-        );
+    let [least, most] = PIXEL_ERRORS;
+    if !(least..=most).contains(&pixel_error) {
+        let expected = format!("pixels from {least} to {most}");
+        return wrong("--pixel-error", pixel_error.to_string(), &expected);
     }
     Ok(())
 }
@@ -429,7 +473,8 @@ impl Run<'_> {
             next: match self.nodes.load(Ordering::Relaxed) {
                 0 => format!("{when}the same command with --resume goes on"),
                 n => format!(
-                    "{when}the same command with --resume goes on, after {n} nodes of the next layer"
+                    "{when}the same command with --resume goes on, after {} of the next layer",
+                    crate::words::things(n, "node")
                 ),
             },
         }

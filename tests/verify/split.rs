@@ -122,6 +122,8 @@ fn each_number_is_held_against_others_by_the_tiles() {
         let expected: &[&str] = match name {
             // within the bounds that normals leave
             "walls" => &["wall_area", "wall_thickness"],
+            // of another whole number of faces
+            "necks" => &["neck_area"],
             _ => &[],
         };
         let others = missed.iter().filter(|m| !expected.contains(&m.as_str()));
