@@ -179,7 +179,19 @@ fn kept_levels(set: &TileSet, options: &LodOptions) -> Result<Option<Levels>> {
         return Ok(None);
     }
     set.levels().map_err(|error| {
-        error.with_hint("--force makes the levels of detail anew; the tiles stay as they are")
+        let hint = "--force makes the levels of detail anew; the tiles stay as they are";
+        match error {
+            Error::Io { .. } => {
+                let path = set.dir().join(LEVELS);
+                Error::format(
+                    path,
+                    format!("none that can be read ({error})"),
+                    "an index of levels",
+                )
+            }
+            other => other,
+        }
+        .with_hint(hint)
     })
 }
 
