@@ -735,10 +735,16 @@ fn a_hole_in_a_node_is_found() {
     let set = Levels(dir.path());
     let shard = "lod/1/z0000.json";
     let path = set.json(shard)["nodes"][0]["path"].clone();
-    set.edit_node(path.as_str().unwrap(), |json, bin| drop_triangle(json, bin));
+    let mut indices = Value::Null;
+    set.edit_node(path.as_str().unwrap(), |json, bin| {
+        drop_triangle(json, bin);
+        indices = json["accessors"][2]["count"].clone();
+    });
     set.edit(shard, |shard| {
-        let triangles = &mut nodes(shard)[0]["triangles"];
-        *triangles = (triangles.as_u64().unwrap() - 1).into();
+        let node = &mut nodes(shard)[0];
+        let triangles = node["triangles"].as_u64().unwrap();
+        node["triangles"] = (triangles - 1).into();
+        node["indices"] = indices;
     });
     assert_eq!(codes(dir.path()), BTreeSet::from([Code::LodEdge]));
 }

@@ -11,12 +11,13 @@
 
 use super::against::Mesh;
 use super::code::Code;
+use super::contacts::{self, ContactLedger, Contacts};
 use super::piece::Region;
 use super::report::{Issue, Issues, Severity};
 use super::split::CellVolume;
 use super::voxels::{CellVoxels, VoxelLedger};
 use crate::error::{Error, Result};
-use crate::grid::Placement;
+use crate::grid::{Ambiguous, Placement};
 use crate::manifest::{Manifest, PartsBy};
 use crate::progress::Progress;
 use crate::volume::{Cropped, Volume, Voxel, with_voxel_type};
@@ -48,6 +49,8 @@ pub(super) struct CellLabels<'a> {
     /// Eight-byte words, so that the bytes are aligned for every type.
     words: Vec<u64>,
     voxels: VoxelLedger,
+    /// Where cells touch, and by which rule, if it is not known otherwise.
+    contacts: Option<(Ambiguous, ContactLedger)>,
 }
 
 /// Triangles that begin at voxels of other cells than their own.
@@ -78,6 +81,8 @@ impl Misplaced {
 pub(super) struct CellsOfCube {
     /// Cells with their voxels below that are not the next macrocube's.
     pub voxels: Vec<(u64, CellVoxels)>,
+    /// Where they touch, if that is looked for.
+    pub contacts: Contacts,
     pub misplaced: Option<Misplaced>,
 }
 
@@ -134,7 +139,11 @@ impl<'a> CellLabels<'a> {
             });
         }
         let none = read.largest.unsigned_abs() + 1;
-        Ok(Some(Self::new(volume, none, "labels")))
+        let contacts = (manifest.ambiguous, ContactLedger::new());
+        Ok(Some(CellLabels {
+            contacts: Some(contacts),
+            ..Self::new(volume, none, "labels")
+        }))
     }
 
     /// Cells that were split again.
@@ -152,6 +161,7 @@ impl<'a> CellLabels<'a> {
             slices: 0..0,
             words: Vec::new(),
             voxels: VoxelLedger::new(none, by),
+            contacts: None,
         }
     }
 
@@ -190,6 +200,11 @@ impl<'a> CellLabels<'a> {
         with_voxel_type!(self.volume.header().dtype, T => {
             let mut found = CellsOfCube::default();
             self.sum::<T>(region, mesh, rotated, &mut found.voxels);
+            if let Some((rule, _)) = self.contacts {
+                let [lo, hi, end] = [region.lo, region.hi, region.end].map(|p| p.map(|c| c / 256));
+                let slice = |z: i32, out: &mut Vec<u64>| self.slice::<T>([lo, hi], z, mesh, out);
+                found.contacts = contacts::of_cube([lo, hi, end], rule, slice);
+            }
             for (voxel, cell) in begins {
                 let label = self.cell(self.row::<T>(voxel, 1)[0]);
                 if label != cell {
@@ -257,17 +272,34 @@ impl<'a> CellLabels<'a> {
         out.extend(found);
     }
 
-    /// Adds the voxels of a macrocube.
+    /// The cells of a slice of a macrocube, 0 for voxels above.
+    fn slice<T: Voxel>(&self, [lo, hi]: [[i32; 3]; 2], z: i32, mesh: &Mesh, out: &mut Vec<u64>) {
+        out.clear();
+        let len = (hi[0] - lo[0] + 1) as usize;
+        for y in lo[1]..=hi[1] {
+            let start = mesh.block.index([lo[0], y, z].map(|c| c * 256));
+            let bits = &mesh.bits[start..start + len];
+            let labels = self.row::<T>([lo[0], y, z], len);
+            let cell = |(bit, label): (&u8, &T)| if *bit == 0 { self.cell(*label) } else { 0 };
+            out.extend(bits.iter().zip(labels).map(cell));
+        }
+    }
+
+    /// Adds what a macrocube has.
     ///
     /// # Errors
     /// If a temporary file cannot be written.
-    pub fn add(&mut self, voxels: &[(u64, CellVoxels)]) -> Result<()> {
-        self.voxels.add(voxels)
+    pub fn add(&mut self, voxels: &[(u64, CellVoxels)], contacts: &Contacts) -> Result<()> {
+        self.voxels.add(voxels)?;
+        match &mut self.contacts {
+            Some((_, ledger)) => ledger.add(contacts),
+            None => Ok(()),
+        }
     }
 
-    /// Those of all macrocubes.
-    pub fn into_voxels(self) -> VoxelLedger {
-        self.voxels
+    /// The voxels of all macrocubes, and where cells touch.
+    pub fn into_ledgers(self) -> (VoxelLedger, Option<ContactLedger>) {
+        (self.voxels, self.contacts.map(|contacts| contacts.1))
     }
 }
 

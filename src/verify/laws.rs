@@ -3,6 +3,7 @@
 use super::against::Voxels;
 use super::code::Code;
 use super::components::ComponentRows;
+use super::contacts::ContactLedger;
 use super::ledger::{Group, Kind, Laws, Ledger, Rows};
 use super::paint::{self, Colour, Paints};
 use super::parts;
@@ -34,6 +35,8 @@ pub(super) struct Found {
     pub voxels: Option<Voxels>,
     /// Voxels below by cells, if it is known of each which cell it is of.
     pub by_cells: Option<VoxelLedger>,
+    /// Where cells touch, by labels.
+    pub contacts: Option<ContactLedger>,
 }
 
 /// The counts of a set whose cells are parts of components.

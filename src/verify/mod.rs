@@ -42,8 +42,8 @@
 //! 10. Normals are those of the volume's gradient, up to the rounding of tiles that store them in 8 bits.
 //! 11. Areas and thicknesses of walls are those of its samples, up to what gradients in 32 bits leave.
 //! 12. With the labels that cells were made by: each voxel below counts for the cell of its label, triangles begin at voxels
-//!     of their cell, and no other cell has a row; see the module for labels. Cells that were split are split again, and
-//!     the same holds of these; and openings and numbers of cells are those that this gives.
+//!     of their cell, and no other cell has a row; openings are those between voxels of different labels; see the module
+//!     for labels. Cells that were split are split again, and the same holds of these and of the curve.
 //! 13. The source that the manifest states has the volume's format, size, type and byte order.
 //!
 //! # Memory
@@ -59,6 +59,7 @@ mod bodies;
 mod closed;
 mod code;
 mod components;
+mod contacts;
 mod dust;
 mod edges;
 mod extras;
@@ -76,6 +77,7 @@ mod layout;
 mod ledger;
 mod levels;
 mod marks;
+mod openings;
 mod paint;
 mod parquet;
 mod parts;
@@ -190,7 +192,7 @@ pub fn verify(dir: &Path, options: &VerifyOptions, progress: &dyn Progress) -> R
         let labelled = options.labels.is_some();
         let against = options.against.is_some();
         let cells = unproved_cells(&manifest, against, labelled);
-        let walls = unproved_walls(&manifest, against, cells.is_none() || labelled);
+        let walls = unproved_walls(&manifest, against, cells.is_none());
         found.unproved.extend(cells.into_iter().chain(walls));
         found.part = manifest.is_part();
         let cx = Context::new(&root, &manifest, options.region, options.max_issues);
@@ -206,6 +208,10 @@ pub fn verify(dir: &Path, options: &VerifyOptions, progress: &dyn Progress) -> R
         found.counts.edges += sweep.matched;
         let walls = sweep.walls.take();
         laws::check(sweep.ledger, &cx, &pool, &mut found, &mut issues)?;
+        // of voxels that are of other cells than said nothing more is
+        if let Some(contacts) = found.contacts.take().filter(|_| !issues.any_error()) {
+            contacts.check(&cx, &mut issues)?;
+        }
         walls::check(walls, &cx, &mut issues)?;
         parquet::check(&cx, &mut issues);
         levels::check(&root, &manifest, progress, &mut issues)?;
@@ -240,9 +246,7 @@ fn unproved_cells(manifest: &Manifest, against: bool, labelled: bool) -> Option<
         false => "",
     };
     match manifest.cells.as_ref()? {
-        PartsBy::Labels { file, .. } if labelled => {
-            Some(format!("that the labels of {file} say where cells touch"))
-        }
+        PartsBy::Labels { .. } if labelled => None,
         PartsBy::Labels { file, .. } => {
             Some(format!("that the labels of {file} say {CELLS}{gapes}"))
         }

@@ -313,7 +313,9 @@ impl<'a> Run<'a> {
         }
         if let Some(original) = state.original {
             state.found.voxels = Some(original.voxels);
-            state.found.by_cells = original.labels.map(CellLabels::into_voxels);
+            if let Some((voxels, contacts)) = original.labels.map(CellLabels::into_ledgers) {
+                (state.found.by_cells, state.found.contacts) = (Some(voxels), contacts);
+            }
         }
         Ok(state.sweep)
     }
@@ -432,7 +434,7 @@ impl<'a> Run<'a> {
             original.voxels.above += outcome.voxels.above;
             original.voxels.nan += outcome.voxels.nan;
             if let Some(labels) = &mut original.labels {
-                labels.add(&outcome.cells)?;
+                labels.add(&outcome.cells.voxels, &outcome.cells.contacts)?;
             }
         }
         if let Some(front) = outcome.front {

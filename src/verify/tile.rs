@@ -6,14 +6,13 @@ use super::closed::TILES;
 use super::code::Code;
 use super::edges::Edges;
 use super::files::{self, Expected};
-use super::labels::CellLabels;
+use super::labels::{CellLabels, CellsOfCube};
 use super::parts::{PartSums, Weld};
 use super::piece::{Flaw, Piece, Region};
 use super::region_edge::{RegionEdge, TileEdge};
 use super::report::{Issue, Issues};
 use super::seen::Seen;
 use super::sweep::{Component, FaceEdge, TileFront};
-use super::voxels::CellVoxels;
 use super::walls::{self, Crossing, Slant, WallScale};
 use crate::grid::{Placement, Tiling};
 use crate::manifest::{Bounds, Layout, Manifest, TileEntry};
@@ -109,8 +108,8 @@ pub(super) struct Outcome {
     pub front: Option<TileFront>,
     pub counts: Counts,
     pub voxels: Voxels,
-    /// Cells with their voxels, if it is known of each which cell it is of.
-    pub cells: Vec<(u64, CellVoxels)>,
+    /// What voxels say of cells, if it is known of each which cell it is of.
+    pub cells: CellsOfCube,
     pub issues: Issues,
 }
 
@@ -167,7 +166,7 @@ pub(super) fn check(
     let (counts, region) = (work.counts, work.region);
     let faces = work.sound.then_some(work.faces);
     let (components, parts) = (work.components, work.parts);
-    let (mut voxels, mut cells) = (Voxels::default(), Vec::new());
+    let (mut voxels, mut cells) = (Voxels::default(), CellsOfCube::default());
     if let Some(Samples { band, rule, labels }) = original {
         let mut flaws = Vec::new();
         if faces.is_none() {
@@ -179,11 +178,10 @@ pub(super) fn check(
         }
         if let Some(labels) = labels {
             let begins = ws.weld.begins().filter(|_| faces.is_some());
-            let found = labels.compare(&region, &ws.mesh, cx.rotated.as_ref(), begins);
-            if let Some(misplaced) = found.misplaced.filter(|_| !issues.broken()) {
+            cells = labels.compare(&region, &ws.mesh, cx.rotated.as_ref(), begins);
+            if let Some(misplaced) = cells.misplaced.take().filter(|_| !issues.broken()) {
                 issues.push(misplaced.issue(&entry.path));
             }
-            cells = found.voxels;
         }
     }
     let chords = match &cx.walls {
@@ -248,7 +246,7 @@ pub(super) fn empty(
         front: None,
         counts: Counts::default(),
         voxels,
-        cells: found.unwrap_or_default().voxels,
+        cells: found.unwrap_or_default(),
         issues,
     }
 }

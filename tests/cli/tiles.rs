@@ -488,8 +488,18 @@ fn a_set_without_a_surface_has_no_levels() {
 fn unfinished_levels_are_told() {
     let dir = temp();
     let dir = dir.path();
-    ok(dir, &"phantom foam a.mhd --dims 30,30,30 --quiet".split(' ').collect::<Vec<_>>());
-    ok(dir, &"convert a.mhd out --threshold 127.5 --quiet".split(' ').collect::<Vec<_>>());
+    ok(
+        dir,
+        &"phantom foam a.mhd --dims 30,30,30 --quiet"
+            .split(' ')
+            .collect::<Vec<_>>(),
+    );
+    ok(
+        dir,
+        &"convert a.mhd out --threshold 127.5 --quiet"
+            .split(' ')
+            .collect::<Vec<_>>(),
+    );
     std::fs::create_dir(dir.join("out/.alvis-partial")).unwrap();
     let said = |name: &str| {
         let output = alvis(dir, &["verify", "out"]);

@@ -174,6 +174,25 @@ fn cells_are_held_against_their_labels() {
         report.ok && report.labels && report.issues.is_empty(),
         "{report:#?}"
     );
+    assert_eq!(report.unproved, [String::new(); 0]);
+    // where cells touch follows from the labels alone
+    let copy = dir.path().join("copy");
+    let edited = |edit: &dyn Fn(&mut Vec<Vec<String>>)| {
+        copy_all(&own, &copy);
+        edit_table(&Set(&copy), "necks.csv", edit);
+        Set(&copy).seal();
+        let unseen = check(&copy).ok;
+        let report = scan.compare_labelled(&copy, "labels.raw").unwrap();
+        fs::remove_dir_all(&copy).unwrap();
+        (unseen, codes(&report))
+    };
+    for (at, by) in [(4, 0.01), (5, 0.01), (6, 0.01), (7, 0.75)] {
+        let found = edited(&|rows| {
+            let row = rows.iter_mut().find(|row| row[7] != "0").unwrap();
+            row[at] = (row[at].parse::<f64>().unwrap() + by).to_string();
+        });
+        assert_eq!(found, (true, BTreeSet::from([Code::TableValue])), "{at}");
+    }
     let renamed = scan.compare_labelled(&own, "others.raw").unwrap();
     assert!(renamed.ok && codes(&renamed).iter().eq([&Code::SourceMismatch]));
     let refused = scan.compare_labelled(&dir.path().join("plain"), "labels.raw");

@@ -15,6 +15,7 @@ mod rows;
 use super::code::Code;
 use super::components::COLUMNS;
 use super::ledger::Kind;
+use super::openings::{NeckRows, Opening};
 use super::report::Issues;
 use super::slices::Slices;
 use super::spill::Merge;
@@ -31,8 +32,6 @@ pub(super) use rows::CellVolume;
 
 /// Bytes of blocks that are worked on at once.
 const BLOCKS: u64 = 64 << 20;
-/// Relative error of numbers of the table of necks, which are rounded once or twice.
-const ROUNDING: f64 = 1e-11;
 
 /// The bits of a volume.
 struct Bits<'a>(Slices<'a>);
@@ -156,84 +155,19 @@ fn compare_necks(
     cx: &Context,
     issues: &mut Issues,
 ) -> Result<()> {
-    let mut unsaid = Issues::new(0);
-    let Some(lines) = Lines::open(cx, Kind::Neck, &mut unsaid) else {
+    let Some(mut rows) = NeckRows::open(cx, "volume") else {
         return Ok(());
     };
-    let mut rows = NeckRows {
-        lines,
-        unsaid,
-        next: None,
-        last: [0; 2],
-    };
-    rows.advance();
     made.necks(|neck| {
-        rows.up_to(neck.cells, issues);
-        let Some((cells, row)) = &rows.next else {
-            if !rows.lines.damaged {
-                no_row(&neck, &rows.lines.path, issues);
-            }
-            return Ok(());
-        };
-        if *cells != neck.cells {
-            no_row(&neck, &rows.lines.path, issues);
-            return Ok(());
-        }
-        let wrong = differences(row, &neck, metric, cx);
-        if !wrong.is_empty() {
-            let message = format!("{} by the volume", wrong.join("; "));
-            issues.add(Code::TableValue, rows.lines.place(), message);
-        }
-        rows.advance();
+        rows.compare(&opening(&neck, metric, cx), issues);
         Ok(())
     })?;
-    rows.up_to([u64::MAX; 2], issues);
+    rows.finish(issues);
     Ok(())
 }
 
-fn no_row(neck: &Neck, path: &str, issues: &mut Issues) {
-    let [a, b] = neck.cells;
-    let message = format!("found no row for cells {a} and {b}, which touch by the volume");
-    issues.add(Code::TableRows, path, message);
-}
-
-/// The rows of the table of necks, one after the other.
-struct NeckRows {
-    lines: Lines,
-    unsaid: Issues,
-    /// The next one and its cells.
-    next: Option<([u64; 2], Vec<Option<f64>>)>,
-    last: [u64; 2],
-}
-
-impl NeckRows {
-    fn advance(&mut self) {
-        self.next = self.lines.next_row(&mut self.unsaid).map(|row| {
-            let cells = [0, 1].map(|at| row[at].unwrap_or(0.0) as u64);
-            (cells, row)
-        });
-        if let Some((cells, _)) = &self.next {
-            let in_order = *cells > self.last;
-            self.last = *cells;
-            if !in_order {
-                self.next = None;
-                self.lines.give_up();
-            }
-        }
-    }
-
-    /// Passes rows before that of these cells, which do not touch.
-    fn up_to(&mut self, cells: [u64; 2], issues: &mut Issues) {
-        while let Some(([a, b], _)) = self.next.as_ref().filter(|next| next.0 < cells) {
-            let message = format!("found cells {a} and {b}, which do not touch by the volume");
-            issues.add(Code::TableRows, self.lines.place(), message);
-            self.advance();
-        }
-    }
-}
-
-/// In what a row differs from a neck.
-fn differences(row: &[Option<f64>], neck: &Neck, metric: &Metric, cx: &Context) -> Vec<String> {
+/// The row of a neck.
+fn opening(neck: &Neck, metric: &Metric, cx: &Context) -> Opening {
     let place = cx.manifest.measured();
     let finest = place.spacing.into_iter().fold(f64::INFINITY, f64::min);
     let [nx, ny, _] = cx.manifest.grid.dims.0.map(u64::from);
@@ -243,31 +177,12 @@ fn differences(row: &[Option<f64>], neck: &Neck, metric: &Metric, cx: &Context) 
         neck.voxel / (nx * ny),
     ];
     let [x, y, z] = place.world(voxel.map(|v| v as f64)).map(Some);
-    let coarsest = place.spacing.into_iter().fold(0.0, f64::max);
-    let of_place = |v: Option<f64>| ROUNDING * (v.unwrap_or(0.0).abs() + coarsest);
-    let relative = |v: Option<f64>| ROUNDING * v.unwrap_or(0.0).abs();
     let radius = Some(metric.radius(neck.level) * finest);
     let area = Some(neck.area(place.spacing));
-    let all = [
-        ("neck_radius", radius, relative(radius)),
-        ("ratio", neck.ratio(), relative(neck.ratio())),
-        ("x", x, of_place(x)),
-        ("y", y, of_place(y)),
-        ("z", z, of_place(z)),
-        ("neck_area", area, relative(area)),
-    ];
-    let mut wrong = Vec::new();
-    for ((name, found, error), &stated) in all.into_iter().zip(&row[2..]) {
-        let close = match (found, stated) {
-            (Some(found), Some(stated)) => (found - stated).abs() <= error,
-            (None, None) => true,
-            _ => false,
-        };
-        if !close {
-            wrong.push(format!("{name} {}, it is {}", text(stated), text(found)));
-        }
+    Opening {
+        cells: neck.cells,
+        numbers: [radius, neck.ratio(), x, y, z, area],
     }
-    wrong
 }
 
 fn text(v: Option<f64>) -> String {
