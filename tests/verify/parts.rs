@@ -187,11 +187,17 @@ fn cells_are_held_against_their_labels() {
         (unseen, codes(&report))
     };
     for (at, by) in [(4, 0.01), (5, 0.01), (6, 0.01), (7, 0.75)] {
-        let found = edited(&|rows| {
-            let row = rows.iter_mut().find(|row| row[7] != "0").unwrap();
-            row[at] = (row[at].parse::<f64>().unwrap() + by).to_string();
-        });
-        assert_eq!(found, (true, BTreeSet::from([Code::TableValue])), "{at}");
+        let mut unseen = 0;
+        for number in 0..6 {
+            let found = edited(&|rows| {
+                let mut touching = rows.iter_mut().filter(|row| row[7] != "0");
+                let row = touching.nth(number).unwrap();
+                row[at] = (row[at].parse::<f64>().unwrap() + by).to_string();
+            });
+            unseen += u32::from(found.0);
+            assert_eq!(found.1, BTreeSet::from([Code::TableValue]), "{at}");
+        }
+        assert!(unseen > 0, "{at}");
     }
     let renamed = scan.compare_labelled(&own, "others.raw").unwrap();
     assert!(renamed.ok && codes(&renamed).iter().eq([&Code::SourceMismatch]));
