@@ -462,7 +462,7 @@ fn a_conversion_ends_with_levels_and_goes_on_with_them() {
     assert_eq!(levels(), first);
     ok("verify out --quiet");
     // tiles take less memory than levels: the command that is shown makes these
-    let little = format!("{line} --force --lod --memory 33MiB --quiet");
+    let little = format!("{line} --force --lod --memory 31MiB --quiet");
     let message = fails(dir, &little.split(' ').collect::<Vec<_>>());
     assert!(message.contains("there and whole"), "{message}");
     let next = message.split("`alvis ").nth(1).unwrap();
