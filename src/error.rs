@@ -65,9 +65,9 @@ pub enum Error {
         /// What the user can do, or empty.
         hint: String,
     },
-    /// The memory limit is too small for this input.
+    /// The memory limit is too small for this volume or tile set.
     #[error(
-        "--memory: {} is too little for this volume: the smallest limit that works is {}{}",
+        "--memory: {} is too little: the smallest limit that works is {}{}",
         mib(*limit, f64::floor), mib(*needed, f64::ceil), advice(.hint)
     )]
     Memory {

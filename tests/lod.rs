@@ -291,6 +291,22 @@ fn what_cannot_be_is_refused_and_nothing_is_changed() {
         ),
         (
             LodOptions {
+                pixel_error: 1e300,
+                ..base
+            },
+            "pixels from 0.001 to 1000",
+        ),
+        (
+            LodOptions {
+                resume: true,
+                ratio: 0.25,
+                force: false,
+                ..base
+            },
+            "--ratio 0.125, 5 levels",
+        ),
+        (
+            LodOptions {
                 memory: 1 << 20,
                 ..base
             },
@@ -593,6 +609,104 @@ fn each_code_of_levels_has_a_broken_set_that_yields_exactly_it() {
     assert!(wrong.is_empty(), "{}", wrong.join("\n"));
 }
 
+/// What a tree and the entries of nodes say besides places and files is looked at, too.
+#[test]
+fn words_of_trees_and_counts_of_nodes_are_compared() {
+    let sound = gyroid(Primitives::Strips);
+    made(sound.path(), &LodOptions::default());
+    let all = files(sound.path());
+    let external = all.keys().find(|name| name.starts_with("lod/tilesets/"));
+    let external = external.unwrap().as_str();
+    let broken = |what: &str, code: Code, edit: &dyn Fn(&Levels)| {
+        for (name, bytes) in &all {
+            fs::write(sound.path().join(name), bytes).unwrap();
+        }
+        edit(&Levels(sound.path()));
+        assert_eq!(codes(sound.path()), BTreeSet::from([code]), "{what}");
+    };
+    let in_tree = |path: &str, pointer: &str, value: Value| {
+        broken(pointer, Code::LodTileset, &|set| {
+            let mut tree = set.json(path);
+            let at = tree.pointer_mut(pointer).unwrap();
+            assert_ne!(*at, value);
+            *at = value.clone();
+            set.put(path, &tree);
+        });
+    };
+    for (pointer, value) in [
+        ("/asset/tilesetVersion", "crc32:00000000".into()),
+        ("/extras/alvis/voxel_metres", 2.5.into()),
+        ("/extras/alvis/unit", "um".into()),
+        ("/extras/alvis/pixel_error", 2.0.into()),
+        ("/extras/alvis/error_scale", 15.0.into()),
+        ("/extras/alvis", Value::Null),
+        ("/extras", Value::Null),
+    ] {
+        in_tree("tileset.json", pointer, value);
+    }
+    in_tree(external, "/asset/tilesetVersion", "other".into());
+    broken("extras", Code::LodTileset, &|set| {
+        let mut tree = set.json(external);
+        tree["extras"] = serde_json::json!({"alvis": {}});
+        set.put(external, &tree);
+    });
+    for name in ["indices", "strips"] {
+        broken(name, Code::LodNode, &|set| {
+            set.edit("lod/1/z0000.json", |shard| {
+                let count = &mut nodes(shard)[0][name];
+                *count = (count.as_u64().unwrap() + 1).into();
+            });
+        });
+    }
+}
+
+/// What the work says, to be looked at.
+#[derive(Default)]
+struct Said(std::sync::Mutex<Vec<String>>);
+
+impl Progress for Said {
+    fn warn(&self, message: &str) {
+        self.0.lock().unwrap().push(message.to_owned());
+    }
+}
+
+/// Levels whose index is gone or no index are made anew if that is asked for, and only then; those that are finished need
+/// no more work.
+#[test]
+fn levels_that_cannot_be_read_are_replaced_and_finished_ones_stay() {
+    let dir = gyroid(Primitives::Strips);
+    made(dir.path(), &LodOptions::default());
+    let before = files(dir.path());
+    let index = dir.path().join("lod/index.json");
+    let force = LodOptions {
+        force: true,
+        ..LodOptions::default()
+    };
+    for breaks in 0..3 {
+        match breaks {
+            0 => fs::remove_file(&index).unwrap(),
+            1 => fs::write(&index, "x").unwrap(),
+            _ => fs::remove_dir_all(dir.path().join("lod")).unwrap(),
+        }
+        let error = lod(dir.path(), &LodOptions::default(), &Quiet).unwrap_err();
+        assert!(error.to_string().contains("--force"), "{error}");
+        made(dir.path(), &force);
+        assert_same_files(&before, &files(dir.path()), "made anew");
+    }
+    let said = Said::default();
+    let resume = LodOptions {
+        resume: true,
+        ..LodOptions::default()
+    };
+    lod(dir.path(), &resume, &said).unwrap();
+    assert_same_files(&before, &files(dir.path()), "finished");
+    let said = said.0.into_inner().unwrap();
+    assert!(
+        said.len() == 1 && said[0].contains("nothing was done"),
+        "{said:?}"
+    );
+}
+
 /// Two balls in two nodes that share no border.
 fn two_balls() -> tempfile::TempDir {
     let [nx, ny, nz] = [64usize, 24, 24];
@@ -621,10 +735,16 @@ fn a_hole_in_a_node_is_found() {
     let set = Levels(dir.path());
     let shard = "lod/1/z0000.json";
     let path = set.json(shard)["nodes"][0]["path"].clone();
-    set.edit_node(path.as_str().unwrap(), |json, bin| drop_triangle(json, bin));
+    let mut indices = Value::Null;
+    set.edit_node(path.as_str().unwrap(), |json, bin| {
+        drop_triangle(json, bin);
+        indices = json["accessors"][2]["count"].clone();
+    });
     set.edit(shard, |shard| {
-        let triangles = &mut nodes(shard)[0]["triangles"];
-        *triangles = (triangles.as_u64().unwrap() - 1).into();
+        let node = &mut nodes(shard)[0];
+        let triangles = node["triangles"].as_u64().unwrap();
+        node["triangles"] = (triangles - 1).into();
+        node["indices"] = indices;
     });
     assert_eq!(codes(dir.path()), BTreeSet::from([Code::LodEdge]));
 }

@@ -17,7 +17,8 @@ use crate::convert::{self, ConvertOptions, ConvertReport, NeckRule};
 use crate::error::{Error, Result};
 use crate::grid::{Ambiguous, Origin, Unit};
 use crate::lod::{LodOptions, LodReport};
-use crate::manifest::Form;
+use crate::manifest::{Form, Manifest};
+use crate::progress::Progress;
 use crate::volume::{Opened, Stamp};
 use crate::words::exact;
 use clap::{Args, ValueEnum, ValueHint};
@@ -116,7 +117,8 @@ pub struct ConvertArgs {
     /// how many cells other ratios give. Comes after the filters and --min-voxels.
     #[arg(long, value_name = "RATIO", num_args = 0..=1, default_missing_value = "0.8", allow_negative_numbers = true, value_parser = parse::ratio, conflicts_with = "labels")]
     split: Option<u32>,
-    /// With --split: do not cut where the radius falls by less than this, in voxels of the finest axis; 1 for thin tubes
+    /// With --split: do not cut where the radius falls by less than this, in voxels of the finest axis, to 1/256 of one; 1 for
+    /// thin tubes
     #[arg(long, value_name = "H", default_value = "0.5", allow_hyphen_values = true, value_parser = parse::voxels_256, requires = "split", conflicts_with = "labels")]
     split_h: u32,
     /// With --split: what is thinner than this radius, in voxels of the finest axis, is no cell of its own
@@ -233,6 +235,10 @@ impl ConvertArgs {
     /// Adds levels of detail to the tile set in a directory, if they are asked for.
     pub fn levels(&self, out: &Path, console: &Console) -> Result<Option<LodReport>> {
         if !self.lod {
+            return Ok(None);
+        }
+        if Manifest::open(out)?.totals.tiles == 0 {
+            console.warn("there is no surface, so there are no levels of detail of it");
             return Ok(None);
         }
         let options = LodOptions {

@@ -271,7 +271,8 @@ fn text(dir: &Path, m: &Manifest, levels: Option<&Levels>) -> String {
     ));
     if let Some(levels) = levels {
         let counts = levels.levels.iter().map(|l| output::count(l.triangles));
-        let counts = counts.collect::<Vec<_>>().join(", ");
+        // a number has commas of its own
+        let counts = counts.collect::<Vec<_>>().join("; ");
         rows.push(("levels", format!("of detail, with {counts} triangles")));
     }
     if let Some(selection) = &m.selection {

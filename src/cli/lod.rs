@@ -29,7 +29,7 @@ pub struct LodArgs {
     /// The most levels, the tiles counted [default: as many as lead to one root]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(2..=32))]
     levels: Option<u32>,
-    /// Pixels that an error may have on the screen in viewers of 3D Tiles with their usual settings
+    /// Pixels that an error may have on the screen in viewers of 3D Tiles with their usual settings, 0.001 to 1000
     #[arg(long, value_name = "PIXELS", default_value_t = 1.0)]
     pixel_error: f64,
     /// Most memory to use

@@ -70,7 +70,15 @@ fn no_curve(dir: &Path, manifest: &Manifest) -> Error {
     };
     let found = format!("{}, whose cells are {cells}", dir.display());
     let expected = "a tile set made by alvis convert with --split";
-    Error::usage("--split-curve", found, expected)
+    let error = Error::usage("--split-curve", found, expected);
+    match &manifest.cells {
+        None => error.with_hint(format!(
+            "`alvis split {} DEST --ratio 0.8 --against {}` makes one with all else as it is here",
+            dir.display(),
+            manifest.source.name
+        )),
+        Some(_) => error,
+    }
 }
 
 /// Prints how many cells other ratios give.

@@ -66,7 +66,11 @@ impl SplitArgs {
             let expected = format!(
                 "the volume as well, `--against {name}`: where cells of another ratio end no tile tells"
             );
-            return Err(Error::usage("--ratio", "a tile set alone", expected));
+            let found = match &manifest.cells {
+                Some(_) => "a tile set alone",
+                None => "a tile set alone, whose cells are not split yet",
+            };
+            return Err(Error::usage("--ratio", found, expected));
         };
         if manifest.is_part() {
             let expected = "the tile set that it was selected from: split that, then select";

@@ -113,15 +113,29 @@ impl VerifyArgs {
         if let Some(stamp) = &given_stamp {
             check_read(stamp, console)?;
         }
-        if self.out.join(PARTIAL).is_dir() {
-            console.warn(&format!(
-                "{}: beside this set lies a conversion that is not finished ({PARTIAL}): the same `alvis convert` \
-                 with --resume goes on with it",
-                self.out.display()
-            ));
+        if let Some(warning) = unfinished(&self.out) {
+            console.warn(&warning);
         }
         Ok(report)
     }
+}
+
+/// What lies beside a set and is not finished, and how to go on with it.
+fn unfinished(out: &Path) -> Option<String> {
+    let name = out.display();
+    if crate::lod::interrupted(out) {
+        let typed = output::shell_word(out.as_os_str());
+        return Some(format!(
+            "{name}: levels of detail of this set are not finished ({PARTIAL}): `alvis lod {typed} --resume`, with the \
+             options that they were begun with, goes on with them"
+        ));
+    }
+    out.join(PARTIAL).is_dir().then(|| {
+        format!(
+            "{name}: beside this set lies a conversion that is not finished ({PARTIAL}): the same `alvis convert` with \
+             --resume goes on with it"
+        )
+    })
 }
 
 impl VerifyArgs {

@@ -492,7 +492,9 @@ fn stated(
     let (unlabelled, curve) = given.map_or((0, &[][..]), |g| (g.unlabelled, &g.curve[..]));
     let cells = job.stated_cells(unlabelled, curve);
     let of_parts = cells.as_ref();
-    warnings.extend(of_parts.and_then(|parts| warnings_of_parts(parts, totals.cells)));
+    let in_region = job.options.region.is_some();
+    let more = of_parts.and_then(|parts| warnings_of_parts(parts, totals.cells, in_region));
+    warnings.extend(more);
     warnings
         .iter()
         .for_each(|warning| job.progress.warn(warning));

@@ -9,7 +9,9 @@ use crate::words::{exact, things};
 const STEEP: f64 = 0.1;
 
 /// What a user should know of cells that are parts of components.
-pub fn warnings_of_parts(parts: &PartsBy, cells: u64) -> Option<String> {
+///
+/// `in_region` if there is a region of interest, which leaves out air around the sample.
+pub fn warnings_of_parts(parts: &PartsBy, cells: u64, in_region: bool) -> Option<String> {
     match parts {
         PartsBy::Labels { unlabelled, .. } => unlabelled.map(|voxels| {
             format!(
@@ -27,10 +29,16 @@ pub fn warnings_of_parts(parts: &PartsBy, cells: u64) -> Option<String> {
             let above = curve.iter().find(|point| point[0] >= own + 50)?;
             let ratio = |permille: u64| permille as f64 / 1000.0;
             let differ = above[1].saturating_sub(below[1]) as f64;
+            let around = match in_region {
+                true => "",
+                false => {
+                    "; of a round sample in air, of which the air is split too, --roi cylinder leaves that out"
+                }
+            };
             (differ > STEEP * cells as f64).then(|| {
                 format!(
                     "the number of cells hangs on the ratio: {} at {}, {} at {}; this structure has no clear necks (see \
-                     `alvis cells OUT --split-curve`)",
+                     `alvis cells OUT --split-curve`){around}",
                     below[1],
                     ratio(below[0]),
                     above[1],

@@ -20,6 +20,7 @@
 //! A node is made of its children's files alone, in their order, and of whole numbers where nodes on both sides of a
 //! plane add the same in another order.
 
+mod asked;
 mod border;
 mod build;
 mod clusters;
@@ -42,5 +43,6 @@ mod tileset_json;
 mod triangles;
 mod work;
 
-pub use run::{LodOptions, LodReport, lod};
+pub use asked::LodOptions;
+pub use run::{LodReport, lod};
 pub use work::interrupted;

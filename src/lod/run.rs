@@ -1,5 +1,6 @@
 //! All levels of a tile set, one after another.
 
+use super::asked::{LodOptions, check, check_kept, kept_levels};
 use super::entry::{Entry, memory};
 use super::level::{LevelPlan, Made, Maker, families, tiling, write_shard};
 use super::tileset_json;
@@ -25,41 +26,7 @@ use std::time::Instant;
 /// Triangles of a root that a viewer can always show.
 const ROOT: u64 = 100_000;
 /// Memory that is used for everything but nodes in the making.
-const FIXED: u64 = 48 << 20;
-
-/// How levels are made.
-#[derive(Debug, Clone, Copy)]
-pub struct LodOptions {
-    /// Share of the triangles that a level keeps of the one below; above 0 and at most 0.5.
-    pub ratio: f64,
-    /// The most levels, the tiles counted; at least 2. Without it there are as many as lead to one root.
-    pub levels: Option<u32>,
-    /// Pixels that an error may have on the screen of a viewer of 3D Tiles; above 0.
-    pub pixel_error: f64,
-    /// Most bytes of memory.
-    pub memory: u64,
-    /// Threads; 0 for one per core.
-    pub threads: usize,
-    /// Go on with what was interrupted.
-    pub resume: bool,
-    /// Replace levels that are there.
-    pub force: bool,
-}
-
-impl Default for LodOptions {
-    fn default() -> Self {
-        LodOptions {
-            ratio: 0.125,
-            levels: None,
-            pixel_error: 1.0,
-            memory: 1 << 30,
-            threads: 0,
-            resume: false,
-            force: false,
-        }
-    }
-}
-
+const FIXED: u64 = 32 << 20;
 /// What was made; the command prints it with `--json`. Lists begin with level 0, the tiles.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct LodReport {
@@ -100,15 +67,10 @@ pub fn lod(out: &Path, options: &LodOptions, progress: &dyn Progress) -> Result<
     let start = Instant::now();
     check(options)?;
     let set = TileSet::open(out)?;
-    if let Some(levels) = set.levels()?.filter(|_| !options.force) {
-        if options.resume && is_of(&levels, options) {
-            return Ok(report(&levels, set.manifest(), start));
-        }
-        return Err(Error::usage(
-            out.display().to_string(),
-            "levels of detail there already",
-            "a tile set without them, or --force to make them anew",
-        ));
+    if let Some(levels) = kept_levels(&set, options)? {
+        check_kept(&levels, &set, options)?;
+        progress.warn("the levels of detail are there and finished: nothing was done");
+        return Ok(report(&levels, set.manifest(), start));
     }
     if set.manifest().cells.is_some() {
         return Err(Error::usage(
@@ -128,7 +90,7 @@ pub fn lod(out: &Path, options: &LodOptions, progress: &dyn Progress) -> Result<
     // what had been interrupted while it was moved in is there now
     let set = TileSet::open(out)?;
     let manifest = set.manifest().clone();
-    if let Some(levels) = set.levels()?.filter(|_| !options.force) {
+    if let Some(levels) = kept_levels(&set, options)? {
         return Ok(report(&levels, &manifest, start));
     }
     let identity = Identity {
@@ -176,50 +138,6 @@ pub fn lod(out: &Path, options: &LodOptions, progress: &dyn Progress) -> Result<
         peak_rss_bytes: peak_rss_bytes(),
         ..report
     })
-}
-
-/// True if levels that are there are those that are asked for.
-fn is_of(levels: &Levels, options: &LodOptions) -> bool {
-    let count = levels.levels.len() as u32 + 1;
-    let all = levels.levels.last().is_some_and(|l| l.grid == [1; 3]);
-    levels.ratio == options.ratio
-        && levels.pixel_error == options.pixel_error
-        && options
-            .levels
-            .map_or(all, |most| count == most || count < most && all)
-}
-
-fn check(options: &LodOptions) -> Result<()> {
-    let wrong =
-        |option: &str, found: String, expected: &str| Err(Error::usage(option, found, expected));
-    let LodOptions {
-        ratio,
-        levels,
-        pixel_error,
-        ..
-    } = *options;
-    if !(ratio > 0.0 && ratio <= 0.5) {
-        return wrong(
-            "--ratio",
-            ratio.to_string(),
-            "a share above 0 and at most 1/2",
-        );
-    }
-    if let Some(levels) = levels.filter(|&n| n < 2) {
-        return wrong(
-            "--levels",
-            levels.to_string(),
-            "2 or more, the tiles counted",
-        );
-    }
-    if !(pixel_error > 0.0 && pixel_error.is_finite()) {
-        return wrong(
-            "--pixel-error",
-            pixel_error.to_string(),
-            "a number of pixels above 0",
-        );
-    }
-    Ok(())
 }
 
 /// Levels in the making.
@@ -429,7 +347,8 @@ impl Run<'_> {
             next: match self.nodes.load(Ordering::Relaxed) {
                 0 => format!("{when}the same command with --resume goes on"),
                 n => format!(
-                    "{when}the same command with --resume goes on, after {n} nodes of the next layer"
+                    "{when}the same command with --resume goes on, after {} of the next layer",
+                    crate::words::things(n, "node")
                 ),
             },
         }

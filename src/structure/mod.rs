@@ -9,6 +9,7 @@ mod blocks;
 mod boxes;
 mod crossings;
 mod fabric;
+mod members;
 mod pass;
 mod profile;
 mod slice;
@@ -22,9 +23,9 @@ pub use slice::SliceBits;
 
 use crate::error::{Error, Result};
 use crate::progress::Progress;
-use crate::sys::id_set::IdSet;
-use crate::table::{Outside, each_cell};
+use crate::table::Outside;
 use crate::tileset::TileSet;
+use members::Members;
 use pass::{Found, Gather};
 use serde::Serialize;
 
@@ -75,66 +76,6 @@ pub struct Structure {
     pub slice: Option<SliceBits>,
 }
 
-/// Which cells count, and how large they are together.
-struct Members {
-    surface_of: SurfaceOf,
-    /// Cells whose surface does not count.
-    left_out: IdSet,
-    /// Cells that are air around the sample, and their voxels.
-    outside: IdSet,
-    outside_voxels: u64,
-    /// Volume of those that count, in the grid of cubes that the surface lies in.
-    volume: f64,
-}
-
-impl Members {
-    fn read(set: &TileSet, outside: Outside) -> Result<Self> {
-        let manifest = set.manifest();
-        let dims = manifest.grid.dims;
-        let in_region = manifest
-            .region
-            .as_ref()
-            .is_some_and(|region| region.outside(dims) > 0);
-        let mut members = Members {
-            surface_of: match (in_region, outside) {
-                (true, _) => SurfaceOf::WholeCells,
-                (false, Outside::BorderCell) => SurfaceOf::CellsWithoutOutside,
-                (false, Outside::None) => SurfaceOf::Cells,
-            },
-            left_out: IdSet::default(),
-            outside: IdSet::default(),
-            outside_voxels: 0,
-            volume: 0.0,
-        };
-        let mut any_cut = false;
-        each_cell(set.dir(), manifest, outside, |cell| {
-            if cell.outside {
-                members.outside.insert(cell.id);
-                members.outside_voxels = members.outside_voxels.saturating_add(cell.voxels);
-            }
-            if cell.outside || (in_region && cell.at_border) {
-                members.left_out.insert(cell.id);
-                return;
-            }
-            members.volume += cell.volume;
-            any_cut |= cell.at_border;
-        })?;
-        if any_cut {
-            // the surface lies between the middles of voxels, half a voxel inside of their outer sides
-            let shares = dims.0.map(|n| f64::from(n - 1) / f64::from(n));
-            members.volume *= shares.iter().product::<f64>();
-        }
-        Ok(members)
-    }
-
-    /// What a user should know of the cells that count.
-    fn note(&self) -> Option<String> {
-        let note = "the surface of cells at the border runs along the edge of the region as well: anisotropy is of whole \
-                    cells";
-        (self.surface_of == SurfaceOf::WholeCells).then(|| note.to_owned())
-    }
-}
-
 /// Goes through the tiles of a set once. Memory: a tile for each thread, 32 MiB for boxes, and a bit for each voxel of a
 /// slice that is wanted.
 ///
@@ -177,10 +118,14 @@ pub fn structure(set: &TileSet, wanted: &Wanted, progress: &dyn Progress) -> Res
     if let Some(slice) = &mut slice {
         slice.finish(told.above.corners[usize::from(slice.z)]);
     }
+    structure.slice = slice;
+    if let Some(refusal) = members.refusal() {
+        structure.notes.push(refusal);
+        return Ok(structure);
+    }
     let measured = profile::measured(manifest, &told)?;
     structure.notes.extend(measured.note);
     structure.profile = Some(measured.profile);
     structure.boxes = measured.boxes;
-    structure.slice = slice;
     Ok(structure)
 }

@@ -1,10 +1,10 @@
 //! The pass over the tiles.
 
-use super::Members;
 use super::air::{Counts, Occupied};
 use super::blocks::Blocks;
 use super::crossings::{Crossing, Finder};
 use super::fabric::{FabricSums, Space};
+use super::members::Members;
 use super::slice::SliceBits;
 use crate::error::{Error, Result};
 use crate::manifest::{Manifest, TileEntry};
@@ -37,7 +37,7 @@ pub struct Found {
 pub struct Porosity {
     blocks: Blocks,
     above: Occupied,
-    /// Of air around the sample.
+    /// Of air around the sample, if its surface bounds it.
     outside: Option<Occupied>,
 }
 
@@ -55,7 +55,7 @@ impl Porosity {
         let blocks = Blocks::new(dims, manifest.placement.spacing);
         let occupied = Occupied::new(dims, &blocks);
         Porosity {
-            outside: (members.outside.len() > 0).then(|| occupied.clone()),
+            outside: members.bound_outside().then(|| occupied.clone()),
             above: occupied,
             blocks,
         }

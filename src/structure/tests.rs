@@ -6,6 +6,7 @@ use crate::grid::{Ambiguous, Cylinder, Dims, Fill, Placement, Region, Shape, Uni
 use crate::manifest::{Layout, Primitives};
 use crate::phantom::{Phantom, render};
 use crate::progress::Quiet;
+use crate::split::NeckRule;
 use crate::volume::{Dtype, MemoryVolume, RegionVoxels};
 use proptest::prelude::*;
 
@@ -283,6 +284,47 @@ fn air_around_a_sample_is_left_out_of_slices() {
         (lines.degree_of_anisotropy.unwrap() - 1.0).abs() < 0.02,
         "{lines:?}"
     );
+}
+
+/// The air around a sample may be open to a cell that was cut from it: no tile tells where it ends, so slices have no
+/// porosity, and the voxels of one are told all the same. One that is open to nothing is left out as ever.
+#[test]
+fn air_that_is_open_to_a_cell_is_told() {
+    for leaks in [true, false] {
+        let samples = (0..27_000u32).map(|i| {
+            let at = [i % 30, i / 30 % 30, i / 900];
+            let away = at.map(|v| square(v).sqrt());
+            let farthest = away.into_iter().fold(0.0, f64::max);
+            let in_hole = leaks && at[0] > 14 && away[1] < 1.0 && away[2] < 1.0;
+            match (4.0..6.5).contains(&farthest) && !in_hole {
+                true => 255u8,
+                false => 0,
+            }
+        });
+        let volume = MemoryVolume::new(Dims([30; 3]), Placement::default(), samples.collect());
+        let options = ConvertOptions {
+            threshold: 128.0,
+            macrocube: [9; 3],
+            split: Some(NeckRule {
+                ratio_permille: 700,
+                ..NeckRule::default()
+            }),
+            ..ConvertOptions::default()
+        };
+        let wanted = Wanted {
+            outside: Outside::BorderCell,
+            ..EVERYTHING
+        };
+        let volume = volume.unwrap();
+        let (found, set, _dir) = measured(&volume, &options, &wanted);
+        assert_eq!(set.manifest().totals.cells, 2);
+        assert_eq!(found.profile.is_none(), leaks);
+        let told = found.notes.iter().any(|n| n.contains("is open to cell 2"));
+        assert_eq!(told, leaks, "{:?}", found.notes);
+        assert!(found.fabric.is_some() && found.slice.is_some());
+        let (all, ..) = measured(&volume, &options, &EVERYTHING);
+        check_slices(&all, &volume, [30; 3]);
+    }
 }
 
 /// What is left out as dust is filled in the tiles as well.

@@ -9,6 +9,7 @@ use super::code::Code;
 use super::dust::Filled;
 use super::gradient::{crossed, normals};
 use super::piece::{DOWN, Flaw, Piece, Region, UP, position};
+use super::spill::Merge;
 use super::walls::{Crossing, Slant, WallScale, by_samples};
 use crate::error::{Error, Result};
 use crate::grid::Ambiguous;
@@ -174,6 +175,12 @@ impl<'a> Band<'a> {
             words: Vec::new(),
             filled,
         }
+    }
+
+    /// The volume, and what was filled of it as dust, once.
+    pub fn take_source(&mut self) -> (&'a dyn Volume, Option<Merge<1>>) {
+        let filled = self.filled.as_mut().and_then(Filled::take_slices);
+        (self.volume, filled)
     }
 
     /// Reads the rows and slices of the row of macrocubes (y, z), all along x.

@@ -5,6 +5,7 @@ use super::code::Code;
 use super::inside::{Inside, Moments, Span};
 use super::ledger::Kind;
 use super::report::Issues;
+use super::voxels::CellVoxels;
 use crate::grid::{Extent, Fill, Placement};
 use crate::manifest::Manifest;
 use glam::{DMat3, DVec3};
@@ -133,15 +134,25 @@ impl<'a> ComponentRows<'a> {
     /// Compares a row with its body.
     pub fn check_body(&self, row: &Row, body: &Body, wrong: &mut Wrong) {
         compare("euler_characteristic", row[EULER], body.euler, 0.0, wrong);
+        let voxels = CellVoxels {
+            moments: body.moments,
+            span: body.span,
+            far: body.far,
+        };
+        self.check_voxels(row, &voxels, wrong);
+    }
+
+    /// Compares a row with all of its voxels.
+    pub fn check_voxels(&self, row: &Row, voxels: &CellVoxels, wrong: &mut Wrong) {
         let stated = stated_box(row);
-        let found = self.box_of(&body.span, body.far);
+        let found = self.box_of(&voxels.span, voxels.far);
         let near = |side: usize, a: usize| {
             (stated[side][a] - found[side][a]).abs() <= self.error(found[side][a])
         };
         if !(0..3).all(|a| near(0, a) && near(1, a)) {
-            wrong.push("its box is not that of its surfaces".to_owned());
+            wrong.push("its box is not that of its voxels".to_owned());
         }
-        self.moments(row, &body.moments, wrong);
+        self.moments(row, &voxels.moments, wrong);
     }
 
     /// True if the row's box holds the voxels of a cell or an object along its surfaces, which may be some of all.

@@ -11,30 +11,16 @@
 use super::code::Code;
 use super::region_edge::RegionEdge;
 use super::report::Issues;
+use super::slices::{Run, Slices, ends_of, row_of, run};
 use super::spill::{Merge, Spill};
 use crate::error::{Error, Result};
 use crate::grid::{Ambiguous, Tiling};
 use crate::manifest::{Dust, Manifest};
 use crate::progress::Progress;
-use crate::volume::{Volume, Voxel, row_words, with_voxel_type};
+use crate::volume::{Volume, row_words};
 
 /// Runs that a sort keeps in memory: 1 MiB.
 const IN_MEMORY: usize = 1 << 16;
-
-/// A run of voxels, as a number by which they are in order: z, y, and the first and last x.
-type Run = u64;
-
-fn run([y, z]: [u32; 2], [first, last]: [u32; 2]) -> Run {
-    u64::from(z) << 48 | u64::from(y) << 32 | u64::from(first) << 16 | u64::from(last)
-}
-
-fn row_of(run: Run) -> [u32; 2] {
-    [(run >> 32 & 0xFFFF) as u32, (run >> 48) as u32]
-}
-
-fn ends_of(run: Run) -> [u32; 2] {
-    [(run >> 16 & 0xFFFF) as u32, (run & 0xFFFF) as u32]
-}
 
 /// The voxels that were filled, row of macrocubes by row.
 pub(super) struct Filled {
@@ -43,6 +29,8 @@ pub(super) struct Filled {
     next: Option<[u64; 2]>,
     /// Of the row at hand, rising.
     runs: Vec<Run>,
+    /// The same ones by slices, until they are taken.
+    by_slice: Option<Merge<1>>,
 }
 
 /// The bits of voxels.
@@ -73,7 +61,9 @@ impl Filled {
         let nz = manifest.grid.dims.0[2];
         progress.begin("dust", 2 * u64::from(nz));
         let mut by_row: Spill<2> = Spill::new(IN_MEMORY);
+        let mut by_slice: Spill<1> = Spill::new(IN_MEMORY);
         let mut keep = |run: Run| -> Result<()> {
+            by_slice.push([run])?;
             let [ys, zs] = row_of(run);
             for z in rows_with(&tiling, 2, zs) {
                 for y in rows_with(&tiling, 1, ys) {
@@ -82,16 +72,7 @@ impl Filled {
             }
             Ok(())
         };
-        let mut slices = Slices {
-            volume,
-            threshold: manifest.threshold,
-            edge,
-            filled: None,
-            next: None,
-            words: Vec::new(),
-            bits: Vec::new(),
-            inside: Vec::new(),
-        };
+        let mut slices = Slices::new(volume, manifest.threshold, edge);
         let mut small: Spill<1> = Spill::new(IN_MEMORY);
         let of = |phase| Search {
             phase,
@@ -112,7 +93,13 @@ impl Filled {
             next: all.next()?,
             all,
             runs: Vec::new(),
+            by_slice: Some(by_slice.into_sorted()?),
         })
+    }
+
+    /// The voxels that were filled, slice by slice; once.
+    pub fn take_slices(&mut self) -> Option<Merge<1>> {
+        self.by_slice.take()
     }
 
     /// Takes the runs of the row of macrocubes (y, z), which comes after those before.
@@ -160,51 +147,6 @@ fn rows_with(tiling: &Tiling, axis: usize, voxel: u32) -> std::ops::RangeInclusi
         upper
     };
     lower.min(last)..=upper.min(last)
-}
-
-/// The volume's bits, slice by slice, without what has been filled so far.
-struct Slices<'a> {
-    volume: &'a dyn Volume,
-    threshold: f64,
-    edge: RegionEdge<'a>,
-    filled: Option<Merge<1>>,
-    next: Option<[u64; 1]>,
-    words: Vec<u64>,
-    /// 1 for a voxel that is above.
-    bits: Vec<u8>,
-    /// A bit for each voxel that is in the region of interest, in words of 64 for each row.
-    inside: Vec<u64>,
-}
-
-impl Slices<'_> {
-    /// Reads a slice, which comes after those before.
-    fn read(&mut self, z: u32) -> Result<()> {
-        let header = self.volume.header();
-        let [nx, ny, _] = header.dims.0;
-        let samples = nx as usize * ny as usize;
-        let bytes = samples * header.dtype.bytes();
-        self.words.resize(bytes.div_ceil(8), 0);
-        let out = &mut bytemuck::cast_slice_mut(&mut self.words)[..bytes];
-        self.volume.read_box(0..nx, 0..ny, z..z + 1, out)?;
-        self.volume.release(z..z + 1);
-        self.edge.slice([nx, ny], z, &mut self.inside)?;
-        self.bits.clear();
-        with_voxel_type!(header.dtype, T => {
-            let all: &[T] = bytemuck::cast_slice(&self.words);
-            let above = |v: &T| u8::from(v.to_f64() >= self.threshold);
-            self.bits.extend(all[..samples].iter().map(above));
-        });
-        while let Some([run]) = self.next.filter(|r| row_of(r[0])[1] <= z) {
-            let ([y, at], [first, last]) = (row_of(run), ends_of(run));
-            if at == z {
-                let start = y as usize * nx as usize;
-                let voxels = start + first as usize..start + last as usize + 1;
-                self.bits[voxels].iter_mut().for_each(|b| *b ^= 1);
-            }
-            self.next = self.filled.as_mut().map_or(Ok(None), Merge::next)?;
-        }
-        Ok(())
-    }
 }
 
 /// A component that can still grow.
@@ -301,7 +243,7 @@ fn find_small(
     progress: &dyn Progress,
     mut each: impl FnMut(Run) -> Result<()>,
 ) -> Result<Count> {
-    let [nx, ny, nz] = slices.volume.header().dims.0;
+    let [nx, ny, nz] = slices.dims();
     let mut labels = Labels {
         search,
         parent: Vec::new(),

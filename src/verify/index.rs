@@ -3,6 +3,7 @@
 use super::closed::{self, Schema};
 use super::code::Code;
 use super::files::{self, Expected};
+use super::parts;
 use super::report::Issues;
 use super::selection::check_selection;
 use crate::error::{Error, Result};
@@ -283,7 +284,7 @@ fn check_parts(m: &Manifest, wrong: &mut impl FnMut(&str, String)) {
             let message = format!("found {version}, expected {SPLIT_VERSION}");
             wrong("cells/version", message);
         }
-        _ => {}
+        _ => parts::check_index(m, wrong),
     }
 }
 

@@ -1,20 +1,23 @@
-//! Cells that a volume of labels gives, held against that volume.
+//! The cells of all voxels, held against tiles and tables: of a volume of labels, or of cells that were split again.
 //!
-//! 1. The labels are read once, in order: they have the checksum that the index states, and the largest one tells the id
-//!    of the cell of voxels without a label.
-//! 2. With the bits of the scan, macrocube by macrocube, voxels below are counted by their labels, and triangles begin at
+//! 1. Labels are read once, in order: they have the checksum that the index states, and the largest one tells the id of the
+//!    cell of voxels without a label.
+//! 2. With the bits of the scan, macrocube by macrocube, voxels below are summed up by their cells, and triangles begin at
 //!    voxels of their cell.
-//! 3. The counts are those of the table of cells, which has a row for each label with voxels below and for no other.
+//! 3. The sums are those of the table of cells: voxels, centroid, box and axes. It has a row for each cell with voxels
+//!    below and for no other.
 //!
-//! In memory is a row of macrocubes along x; counts are sorted on disk.
+//! In memory is a row of macrocubes along x; sums are sorted on disk ([`super::voxels`]).
 
 use super::against::Mesh;
 use super::code::Code;
-use super::laws::Listed;
+use super::contacts::{self, ContactLedger, Contacts};
 use super::piece::Region;
 use super::report::{Issue, Issues, Severity};
-use super::spill::{Merge, Spill};
+use super::split::CellVolume;
+use super::voxels::{CellVoxels, VoxelLedger};
 use crate::error::{Error, Result};
+use crate::grid::{Ambiguous, Placement};
 use crate::manifest::{Manifest, PartsBy};
 use crate::progress::Progress;
 use crate::volume::{Cropped, Volume, Voxel, with_voxel_type};
@@ -23,8 +26,6 @@ use std::ops::Range;
 
 /// Bytes of labels that are read at once, but a row at least.
 const AT_ONCE: usize = 4 << 20;
-/// Counts that a sort keeps in memory: 1 MiB.
-const IN_MEMORY: usize = 1 << 16;
 
 /// The volume of labels that cells were made by.
 #[derive(Clone, Copy)]
@@ -35,18 +36,21 @@ pub struct LabelVolume<'a> {
     pub volume: &'a dyn Volume,
 }
 
-/// The labels of the row of macrocubes at hand.
+/// The cells of the row of macrocubes at hand, as labels.
 pub(super) struct CellLabels<'a> {
     /// Cropped as the scan is.
     volume: Box<dyn Volume + 'a>,
     /// The id of the cell of voxels without a label.
     none: u64,
+    /// What says so, for messages.
+    by: &'static str,
     rows: Range<u32>,
     slices: Range<u32>,
     /// Eight-byte words, so that the bytes are aligned for every type.
     words: Vec<u64>,
-    /// Voxels below by cells, a record for each cell in a macrocube.
-    counts: Spill<2>,
+    voxels: VoxelLedger,
+    /// Where cells touch, and by which rule, if it is not known otherwise.
+    contacts: Option<(Ambiguous, ContactLedger)>,
 }
 
 /// Triangles that begin at voxels of other cells than their own.
@@ -55,6 +59,7 @@ pub(super) struct Misplaced {
     /// The first one's voxel, its cell and that of the voxel.
     first: [i32; 3],
     cells: [u64; 2],
+    by: &'static str,
 }
 
 impl Misplaced {
@@ -62,9 +67,9 @@ impl Misplaced {
     pub fn issue(&self, path: &str) -> Issue {
         let [own, label] = self.cells;
         let message = format!(
-            "triangles of cell {own} begin at a voxel of cell {} by its label, as do triangles of other cells at {} more \
-             voxels",
+            "triangles of cell {own} begin at a voxel of cell {} by the {}, as do triangles of other cells at {} more voxels",
             as_label(label),
+            self.by,
             self.count - 1
         );
         Issue::new(Code::CellMixed, path, message).at(self.first.map(|v| 256 * v))
@@ -75,12 +80,14 @@ impl Misplaced {
 #[derive(Default)]
 pub(super) struct CellsOfCube {
     /// Cells with their voxels below that are not the next macrocube's.
-    pub counts: Vec<[u64; 2]>,
+    pub voxels: Vec<(u64, CellVoxels)>,
+    /// Where they touch, if that is looked for.
+    pub contacts: Contacts,
     pub misplaced: Option<Misplaced>,
 }
 
 /// A cell as its label: cells of labels below 0, which no table has, come behind all others.
-fn as_label(cell: u64) -> i64 {
+pub(super) fn as_label(cell: u64) -> i64 {
     cell as i64
 }
 
@@ -131,14 +138,36 @@ impl<'a> CellLabels<'a> {
                 ..Issue::new(Code::SourceMismatch, "index.json#/cells/file", message)
             });
         }
+        let none = read.largest.unsigned_abs() + 1;
+        let contacts = (manifest.ambiguous, ContactLedger::new());
         Ok(Some(CellLabels {
+            contacts: Some(contacts),
+            ..Self::new(volume, none, "labels")
+        }))
+    }
+
+    /// Cells that were split again.
+    pub fn of_split(cells: CellVolume) -> Self {
+        // no voxel below is of none
+        Self::new(Box::new(cells), u64::MAX, "rule of necks")
+    }
+
+    fn new(volume: Box<dyn Volume + 'a>, none: u64, by: &'static str) -> Self {
+        CellLabels {
             volume,
-            none: read.largest.unsigned_abs() + 1,
+            none,
+            by,
             rows: 0..0,
             slices: 0..0,
             words: Vec::new(),
-            counts: Spill::new(IN_MEMORY),
-        }))
+            voxels: VoxelLedger::new(none, by),
+            contacts: None,
+        }
+    }
+
+    /// The cell of a voxel of the row of macrocubes at hand, which is below.
+    pub fn cell_at(&self, voxel: [i32; 3]) -> u64 {
+        with_voxel_type!(self.volume.header().dtype, T => self.cell(self.row::<T>(voxel, 1)[0]))
     }
 
     /// Reads the row of macrocubes along x that a macrocube is of.
@@ -159,17 +188,23 @@ impl<'a> CellLabels<'a> {
             .read_box(x, self.rows.clone(), self.slices.clone(), out)
     }
 
-    /// Counts the voxels below of a macrocube, whose bits are those of `mesh`, and looks at where triangles begin: voxels
-    /// with the cells of these.
+    /// Sums up the voxels below of a macrocube, whose bits are those of `mesh`, and looks at where triangles begin: voxels
+    /// with the cells of these. `rotated` is where the grid lies, if its axes are not those of the world.
     pub fn compare(
         &self,
         region: &Region,
         mesh: &Mesh,
+        rotated: Option<&Placement>,
         begins: impl Iterator<Item = ([i32; 3], u64)>,
     ) -> CellsOfCube {
         with_voxel_type!(self.volume.header().dtype, T => {
             let mut found = CellsOfCube::default();
-            self.count::<T>(region, mesh, &mut found.counts);
+            self.sum::<T>(region, mesh, rotated, &mut found.voxels);
+            if let Some((rule, _)) = self.contacts {
+                let [lo, hi, end] = [region.lo, region.hi, region.end].map(|p| p.map(|c| c / 256));
+                let slice = |z: i32, out: &mut Vec<u64>| self.slice::<T>([lo, hi], z, mesh, out);
+                found.contacts = contacts::of_cube([lo, hi, end], rule, slice);
+            }
             for (voxel, cell) in begins {
                 let label = self.cell(self.row::<T>(voxel, 1)[0]);
                 if label != cell {
@@ -177,6 +212,7 @@ impl<'a> CellLabels<'a> {
                         count: 0,
                         first: voxel,
                         cells: [cell, label],
+                        by: self.by,
                     });
                     known.count += 1;
                 }
@@ -202,45 +238,68 @@ impl<'a> CellLabels<'a> {
         &labels[start..start + len]
     }
 
-    fn count<T: Voxel>(&self, region: &Region, mesh: &Mesh, counts: &mut Vec<[u64; 2]>) {
+    fn sum<T: Voxel>(
+        &self,
+        region: &Region,
+        mesh: &Mesh,
+        rotated: Option<&Placement>,
+        out: &mut Vec<(u64, CellVoxels)>,
+    ) {
         let [lo, hi, end] = [region.lo, region.hi, region.end].map(|p| p.map(|c| c / 256));
         // those that are shared with the next macrocube are counted there
         let own = |a: usize| lo[a]..hi[a] + i32::from(hi[a] == end[a]);
-        let mut found: BTreeMap<u64, u64> = BTreeMap::new();
-        let len = own(0).len();
+        let mut found: BTreeMap<u64, CellVoxels> = BTreeMap::new();
+        let (len, mut runs) = (own(0).len(), Vec::new());
         for z in own(2) {
             for y in own(1) {
                 let start = mesh.block.index([lo[0], y, z].map(|c| c * 256));
                 let bits = &mesh.bits[start..start + len];
                 let labels = self.row::<T>([lo[0], y, z], len);
                 let mut at = 0;
-                for same in labels.chunk_by(|a, b| a == b) {
-                    let bits = &bits[at..at + same.len()];
+                runs.clear();
+                runs.extend(bits.iter().zip(labels));
+                for same in runs.chunk_by(|a, b| a == b) {
+                    let (first, (bit, label)) = (at, same[0]);
                     at += same.len();
-                    let below = bits.iter().filter(|&&bit| bit == 0).count();
-                    if below > 0 {
-                        *found.entry(self.cell(same[0])).or_default() += below as u64;
+                    if *bit == 0 {
+                        let sums = found.entry(self.cell(*label)).or_default();
+                        let x = [first, at].map(|x| lo[0] + x as i32);
+                        sums.add_run(x, [y, z], rotated);
                     }
                 }
             }
         }
-        counts.extend(found.into_iter().map(|(cell, count)| [cell, count]));
+        out.extend(found);
     }
 
-    /// Adds the counts of a macrocube.
+    /// The cells of a slice of a macrocube, 0 for voxels above.
+    fn slice<T: Voxel>(&self, [lo, hi]: [[i32; 3]; 2], z: i32, mesh: &Mesh, out: &mut Vec<u64>) {
+        out.clear();
+        let len = (hi[0] - lo[0] + 1) as usize;
+        for y in lo[1]..=hi[1] {
+            let start = mesh.block.index([lo[0], y, z].map(|c| c * 256));
+            let bits = &mesh.bits[start..start + len];
+            let labels = self.row::<T>([lo[0], y, z], len);
+            let cell = |(bit, label): (&u8, &T)| if *bit == 0 { self.cell(*label) } else { 0 };
+            out.extend(bits.iter().zip(labels).map(cell));
+        }
+    }
+
+    /// Adds what a macrocube has.
     ///
     /// # Errors
     /// If a temporary file cannot be written.
-    pub fn add(&mut self, counts: &[[u64; 2]]) -> Result<()> {
-        counts.iter().try_for_each(|count| self.counts.push(*count))
+    pub fn add(&mut self, voxels: &[(u64, CellVoxels)], contacts: &Contacts) -> Result<()> {
+        self.voxels.add(voxels)?;
+        match &mut self.contacts {
+            Some((_, ledger)) => ledger.add(contacts),
+            None => Ok(()),
+        }
     }
 
-    /// The counts of all macrocubes.
-    pub fn into_counts(self) -> LabelCounts {
-        LabelCounts {
-            none: self.none,
-            counts: self.counts,
-        }
+    /// The voxels of all macrocubes, and where cells touch.
+    pub fn into_ledgers(self) -> (VoxelLedger, Option<ContactLedger>) {
+        (self.voxels, self.contacts.map(|contacts| contacts.1))
     }
 }
 
@@ -289,98 +348,4 @@ fn add_row<T: Voxel>(row: &[T], crc: &mut crc32fast::Hasher) -> i64 {
         x += same.len() as u64;
     }
     largest
-}
-
-/// Voxels below by cells, before they are sorted.
-pub(super) struct LabelCounts {
-    none: u64,
-    counts: Spill<2>,
-}
-
-impl LabelCounts {
-    /// # Errors
-    /// If a temporary file cannot be read back, here and below.
-    pub fn into_sorted(self) -> Result<SortedCounts> {
-        let mut merge = self.counts.into_sorted()?;
-        Ok(SortedCounts {
-            none: self.none,
-            of_none: 0,
-            next: merge.next()?,
-            merge,
-        })
-    }
-}
-
-/// Voxels below by rising cells.
-pub(super) struct SortedCounts {
-    none: u64,
-    /// Voxels of the cell of those without a label.
-    of_none: u64,
-    next: Option<[u64; 2]>,
-    merge: Merge<2>,
-}
-
-impl SortedCounts {
-    /// The voxels of the next cell.
-    fn take(&mut self, cell: u64) -> Result<u64> {
-        let mut sum = 0;
-        while let Some([_, count]) = self.next.filter(|next| next[0] == cell) {
-            sum += count;
-            self.next = self.merge.next()?;
-        }
-        if cell == self.none {
-            self.of_none = sum;
-        }
-        Ok(sum)
-    }
-
-    /// Compares the number of voxels that the row of a cell states; rows come by rising cells.
-    pub fn compare(
-        &mut self,
-        cell: u64,
-        stated: Option<f64>,
-        place: &str,
-        listed: &mut Listed,
-    ) -> Result<()> {
-        self.skip_before(cell, listed)?;
-        let found = self.take(cell)?;
-        if stated != Some(found as f64) {
-            let stated = stated.map_or("nothing".to_owned(), |v| v.to_string());
-            let message = format!(
-                "cell {cell}: voxels {stated}, by the labels it has {found} below the threshold"
-            );
-            listed.values.add(Code::TableValue, place, message);
-        }
-        Ok(())
-    }
-
-    fn skip_before(&mut self, cell: u64, listed: &mut Listed) -> Result<()> {
-        while let Some([other, _]) = self.next.filter(|next| next[0] < cell) {
-            let count = self.take(other)?;
-            let message = format!(
-                "found no row for cell {}, which has {count} voxels by the labels",
-                as_label(other)
-            );
-            listed.values.add(Code::TableRows, "cells.csv", message);
-        }
-        Ok(())
-    }
-
-    /// All rows have been seen.
-    pub fn finish(mut self, manifest: &Manifest, listed: &mut Listed) -> Result<()> {
-        self.skip_before(u64::MAX, listed)?;
-        let Some(PartsBy::Labels { unlabelled, .. }) = &manifest.cells else {
-            return Ok(());
-        };
-        if unlabelled.unwrap_or(0) != self.of_none {
-            let message = format!(
-                "found {}, by the labels {} voxels below have none",
-                unlabelled.unwrap_or(0),
-                self.of_none
-            );
-            let at = "index.json#/cells/unlabelled";
-            listed.values.add(Code::ManifestValue, at, message);
-        }
-        Ok(())
-    }
 }

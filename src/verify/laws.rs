@@ -3,13 +3,14 @@
 use super::against::Voxels;
 use super::code::Code;
 use super::components::ComponentRows;
-use super::labels::LabelCounts;
+use super::contacts::ContactLedger;
 use super::ledger::{Group, Kind, Laws, Ledger, Rows};
 use super::paint::{self, Colour, Paints};
 use super::parts;
 use super::report::Issues;
 use super::tables::Table;
 use super::tile::{Context, Counts};
+use super::voxels::VoxelLedger;
 use crate::error::Result;
 use crate::manifest::{Manifest, Primitives};
 use crate::table;
@@ -32,8 +33,10 @@ pub(super) struct Found {
     pub parts: Option<FoundParts>,
     /// Of the volume, if there is one.
     pub voxels: Option<Voxels>,
-    /// Voxels below by cells, if the labels that give them are there.
-    pub by_labels: Option<LabelCounts>,
+    /// Voxels below by cells, if it is known of each which cell it is of.
+    pub by_cells: Option<VoxelLedger>,
+    /// Where cells touch, by labels.
+    pub contacts: Option<ContactLedger>,
 }
 
 /// The counts of a set whose cells are parts of components.

@@ -353,7 +353,7 @@ fn count_odd(normals: &Normals, slack: f32) -> usize {
 /// the one before. True if the strip ends with a joint, begins with more than an entry twice, which puts it at an odd
 /// place, or has an entry six times in a row.
 #[inline(always)]
-fn joints(indices: &[u32]) -> (u64, bool) {
+pub(super) fn joints(indices: &[u32]) -> (u64, bool) {
     let ends = |last: &[u32; 3]| last[0] == last[1] || last[1] == last[2];
     let begins = |first: &[u32; 3]| first[1] == first[2];
     let mut odd =

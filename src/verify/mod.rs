@@ -40,9 +40,10 @@
 //!    face from above to below at every vertex, so the bits that the mesh implies are the volume's. What
 //!    was left out as dust are the components below the size, as many as stated, and no other.
 //! 10. Normals are those of the volume's gradient, up to the rounding of tiles that store them in 8 bits.
-//! 11. Areas and thicknesses of walls are those of its samples, up to rounding.
+//! 11. Areas and thicknesses of walls are those of its samples, up to what gradients in 32 bits leave.
 //! 12. With the labels that cells were made by: each voxel below counts for the cell of its label, triangles begin at voxels
-//!     of their cell, and no other cell has a row; see the module for labels.
+//!     of their cell, and no other cell has a row; openings are those between voxels of different labels; see the module
+//!     for labels. Cells that were split are split again, and the same holds of these and of the curve.
 //! 13. The source that the manifest states has the volume's format, size, type and byte order.
 //!
 //! # Memory
@@ -58,6 +59,7 @@ mod bodies;
 mod closed;
 mod code;
 mod components;
+mod contacts;
 mod dust;
 mod edges;
 mod extras;
@@ -75,6 +77,7 @@ mod layout;
 mod ledger;
 mod levels;
 mod marks;
+mod openings;
 mod paint;
 mod parquet;
 mod parts;
@@ -86,12 +89,15 @@ mod rim;
 mod run;
 mod seen;
 mod selection;
+mod slices;
 mod source;
 mod spill;
+mod split;
 mod sweep;
 mod table_files;
 mod tables;
 mod tile;
+mod voxels;
 mod walls;
 
 pub use code::Code;
@@ -184,20 +190,28 @@ pub fn verify(dir: &Path, options: &VerifyOptions, progress: &dyn Progress) -> R
             found.unproved = unproved(&manifest);
         }
         let labelled = options.labels.is_some();
-        found.unproved.extend(unproved_cells(&manifest, labelled));
         let against = options.against.is_some();
-        found.unproved.extend(unproved_walls(&manifest, against));
+        let cells = unproved_cells(&manifest, against, labelled);
+        let walls = unproved_walls(&manifest, against, cells.is_none());
+        found.unproved.extend(cells.into_iter().chain(walls));
         found.part = manifest.is_part();
         let cx = Context::new(&root, &manifest, options.region, options.max_issues);
         cx.edge.check(&manifest, &mut issues)?;
         let mut original = Original::new(options.against, &cx, progress, &mut issues)?;
-        if let (Some(original), Some(labels)) = (&mut original, options.labels) {
-            original.labels = CellLabels::find(labels, &manifest, progress, &mut issues)?;
+        if let Some(original) = &mut original {
+            original.labels = match options.labels {
+                Some(labels) => CellLabels::find(labels, &manifest, progress, &mut issues)?,
+                None => original.split_again(&cx, &pool, progress, &mut issues)?,
+            };
         }
         let mut sweep = Run::new(&cx, &pool, progress).tiles(original, &mut found, &mut issues)?;
         found.counts.edges += sweep.matched;
         let walls = sweep.walls.take();
         laws::check(sweep.ledger, &cx, &pool, &mut found, &mut issues)?;
+        // of voxels that are of other cells than said nothing more is
+        if let Some(contacts) = found.contacts.take().filter(|_| !issues.any_error()) {
+            contacts.check(&cx, &mut issues)?;
+        }
         walls::check(walls, &cx, &mut issues)?;
         parquet::check(&cx, &mut issues);
         levels::check(&root, &manifest, progress, &mut issues)?;
@@ -222,27 +236,27 @@ fn unproved(manifest: &Manifest) -> Vec<String> {
     mask.into_iter().chain(dust).collect()
 }
 
-/// What of cells that are parts of components neither tiles nor the volume prove; `labelled` if the labels are there.
-fn unproved_cells(manifest: &Manifest, labelled: bool) -> Option<String> {
+/// What of cells that are parts of components is not proved; `labelled` if the labels are there.
+fn unproved_cells(manifest: &Manifest, against: bool, labelled: bool) -> Option<String> {
     const CELLS: &str = "which voxels each cell has, and where cells touch";
-    const TOUCHES: &str = "where cells touch, and the centroid, box and axes of those that do";
     let gapes = match manifest.may_gape() {
         true => {
             "; nor, of a part, what its tables say, and that the surface ends only where cells that were left out touched: verify the whole"
         }
         false => "",
     };
-    Some(match manifest.cells.as_ref()? {
-        PartsBy::Labels { file, .. } if labelled => {
-            format!("that the labels of {file} say {TOUCHES}")
+    match manifest.cells.as_ref()? {
+        PartsBy::Labels { .. } if labelled => None,
+        PartsBy::Labels { file, .. } => {
+            Some(format!("that the labels of {file} say {CELLS}{gapes}"))
         }
-        PartsBy::Labels { file, .. } => format!("that the labels of {file} say {CELLS}{gapes}"),
-        PartsBy::Split { .. } => format!("that the rule of necks says {CELLS}{gapes}"),
-    })
+        PartsBy::Split { .. } if against => None,
+        PartsBy::Split { .. } => Some(format!("that the rule of necks says {CELLS}{gapes}")),
+    }
 }
 
-/// What of walls is not proved.
-fn unproved_walls(manifest: &Manifest, against: bool) -> Vec<String> {
+/// What of walls is not proved; `cells_known` if it is known of each voxel which cell it is of.
+fn unproved_walls(manifest: &Manifest, against: bool, cells_known: bool) -> Vec<String> {
     let known = manifest.tables.walls.is_some() && !manifest.may_gape();
     let all = [
         (
@@ -254,7 +268,7 @@ fn unproved_walls(manifest: &Manifest, against: bool) -> Vec<String> {
             "areas and thicknesses of walls, more closely than normals tell how slanted they are",
         ),
         (
-            manifest.cells.is_some(),
+            manifest.cells.is_some() && !cells_known,
             "of which cells walls are that end at voxels at which no triangle begins",
         ),
     ];

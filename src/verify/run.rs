@@ -10,6 +10,7 @@ use super::labels::CellLabels;
 use super::laws::Found;
 use super::ledger::Ledger;
 use super::report::Issues;
+use super::split;
 use super::sweep::Sweep;
 use super::tile::{self, Context, Outcome, Samples, Workspace};
 use super::walls::WallLedger;
@@ -67,6 +68,23 @@ impl<'a> Original<'a> {
             voxels: Voxels::default(),
             labels: None,
         }))
+    }
+
+    /// The cells of all voxels, where these are split.
+    ///
+    /// # Errors
+    /// As of [`split::find`].
+    pub fn split_again(
+        &mut self,
+        cx: &Context,
+        pool: &rayon::ThreadPool,
+        progress: &dyn Progress,
+        issues: &mut Issues,
+    ) -> Result<Option<CellLabels<'a>>> {
+        let (volume, filled) = self.band.take_source();
+        let threads = pool.current_num_threads();
+        let cells = split::find(volume, filled, cx, threads, progress, issues)?;
+        Ok(cells.map(CellLabels::of_split))
     }
 
     fn samples(&self) -> Samples<'_> {
@@ -295,7 +313,9 @@ impl<'a> Run<'a> {
         }
         if let Some(original) = state.original {
             state.found.voxels = Some(original.voxels);
-            state.found.by_labels = original.labels.map(CellLabels::into_counts);
+            if let Some((voxels, contacts)) = original.labels.map(CellLabels::into_ledgers) {
+                (state.found.by_cells, state.found.contacts) = (Some(voxels), contacts);
+            }
         }
         Ok(state.sweep)
     }
@@ -414,7 +434,7 @@ impl<'a> Run<'a> {
             original.voxels.above += outcome.voxels.above;
             original.voxels.nan += outcome.voxels.nan;
             if let Some(labels) = &mut original.labels {
-                labels.add(&outcome.cells)?;
+                labels.add(&outcome.cells.voxels, &outcome.cells.contacts)?;
             }
         }
         if let Some(front) = outcome.front {

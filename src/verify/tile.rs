@@ -6,7 +6,7 @@ use super::closed::TILES;
 use super::code::Code;
 use super::edges::Edges;
 use super::files::{self, Expected};
-use super::labels::CellLabels;
+use super::labels::{CellLabels, CellsOfCube};
 use super::parts::{PartSums, Weld};
 use super::piece::{Flaw, Piece, Region};
 use super::region_edge::{RegionEdge, TileEdge};
@@ -108,8 +108,8 @@ pub(super) struct Outcome {
     pub front: Option<TileFront>,
     pub counts: Counts,
     pub voxels: Voxels,
-    /// Cells with their voxels by the labels, if these are there.
-    pub cells: Vec<[u64; 2]>,
+    /// What voxels say of cells, if it is known of each which cell it is of.
+    pub cells: CellsOfCube,
     pub issues: Issues,
 }
 
@@ -166,7 +166,7 @@ pub(super) fn check(
     let (counts, region) = (work.counts, work.region);
     let faces = work.sound.then_some(work.faces);
     let (components, parts) = (work.components, work.parts);
-    let (mut voxels, mut cells) = (Voxels::default(), Vec::new());
+    let (mut voxels, mut cells) = (Voxels::default(), CellsOfCube::default());
     if let Some(Samples { band, rule, labels }) = original {
         let mut flaws = Vec::new();
         if faces.is_none() {
@@ -178,15 +178,18 @@ pub(super) fn check(
         }
         if let Some(labels) = labels {
             let begins = ws.weld.begins().filter(|_| faces.is_some());
-            let found = labels.compare(&region, &ws.mesh, begins);
-            if let Some(misplaced) = found.misplaced.filter(|_| !issues.broken()) {
+            cells = labels.compare(&region, &ws.mesh, cx.rotated.as_ref(), begins);
+            if let Some(misplaced) = cells.misplaced.take().filter(|_| !issues.broken()) {
                 issues.push(misplaced.issue(&entry.path));
             }
-            cells = found.counts;
         }
     }
     let chords = match &cx.walls {
         Some(scale) if faces.is_some() && !issues.broken() => {
+            if let Some(labels) = original.and_then(|samples| samples.labels) {
+                let unknown = ws.crossings.iter_mut().filter(|at| at.cell == 0);
+                unknown.for_each(|at| at.cell = labels.cell_at(at.voxel_below()));
+            }
             let of_volume: Option<Vec<Slant>> =
                 original.map(|samples| samples.band.slants(&ws.crossings, scale));
             walls::of_tile(&ws.crossings, ws.weld.noted(), of_volume.as_deref(), scale)
@@ -237,12 +240,13 @@ pub(super) fn empty(
     let voxels = band.compare(&region, rule, &mut ws.mesh, &mut flaws);
     let path = format!("macrocube {} {} {}", grid[0], grid[1], grid[2]);
     differences(&path, &flaws, &mut issues);
-    let found = labels.map(|labels| labels.compare(&region, &ws.mesh, std::iter::empty()));
+    let found = labels
+        .map(|labels| labels.compare(&region, &ws.mesh, cx.rotated.as_ref(), std::iter::empty()));
     Outcome {
         front: None,
         counts: Counts::default(),
         voxels,
-        cells: found.unwrap_or_default().counts,
+        cells: found.unwrap_or_default(),
         issues,
     }
 }

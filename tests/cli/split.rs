@@ -94,6 +94,9 @@ fn what_it_needs_is_said() {
     };
     let message = split(&[]);
     assert!(message.contains("--against leaky.raw"), "{message}");
+    assert!(message.contains("not split yet"), "{message}");
+    let message = fails(dir, &["cells", "out", "--split-curve"]);
+    assert!(message.contains("`alvis split out DEST"), "{message}");
     let message = split(&["--against", "leaky.raw", "--mask", "m.nrrd"]);
     assert!(message.contains("no mask"), "{message}");
     assert!(!dir.join("new").exists());

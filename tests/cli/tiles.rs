@@ -462,10 +462,51 @@ fn a_conversion_ends_with_levels_and_goes_on_with_them() {
     assert_eq!(levels(), first);
     ok("verify out --quiet");
     // tiles take less memory than levels: the command that is shown makes these
-    let little = format!("{line} --force --lod --memory 48MiB --quiet");
+    let little = format!("{line} --force --lod --memory 31MiB --quiet");
     let message = fails(dir, &little.split(' ').collect::<Vec<_>>());
     assert!(message.contains("there and whole"), "{message}");
     let next = message.split("`alvis ").nth(1).unwrap();
     ok(&format!("{} --quiet", next.split('`').next().unwrap()));
     assert_eq!(levels(), first);
+}
+
+#[test]
+fn a_set_without_a_surface_has_no_levels() {
+    let dir = temp();
+    let dir = dir.path();
+    std::fs::write(dir.join("air.raw"), [0; 1000]).unwrap();
+    let line = "convert air.raw air --dims 10,10,10 --dtype u8 --threshold 100 --lod";
+    let output = alvis(dir, &line.split(' ').collect::<Vec<_>>());
+    assert_eq!(output.status.code(), Some(0), "{}", stderr(&output));
+    assert!(stderr(&output).contains("no levels of detail"));
+    assert!(!dir.join("air/lod").exists());
+    ok(dir, &["verify", "air", "--quiet"]);
+}
+
+/// What was interrupted is told with the command that goes on with it.
+#[test]
+fn unfinished_levels_are_told() {
+    let dir = temp();
+    let dir = dir.path();
+    ok(
+        dir,
+        &"phantom foam a.mhd --dims 30,30,30 --quiet"
+            .split(' ')
+            .collect::<Vec<_>>(),
+    );
+    ok(
+        dir,
+        &"convert a.mhd out --threshold 127.5 --quiet"
+            .split(' ')
+            .collect::<Vec<_>>(),
+    );
+    std::fs::create_dir(dir.join("out/.alvis-partial")).unwrap();
+    let said = |name: &str| {
+        let output = alvis(dir, &["verify", "out"]);
+        assert_eq!(output.status.code(), Some(0), "{name}");
+        stderr(&output)
+    };
+    assert!(said("conversion").contains("`alvis convert` with --resume"));
+    std::fs::write(dir.join("out/.alvis-partial/lod.json"), "{}").unwrap();
+    assert!(said("levels").contains("`alvis lod out --resume`"));
 }

@@ -9,6 +9,7 @@ mod more;
 mod parts;
 #[path = "../common/seal.rs"]
 mod seal;
+mod split;
 mod volume;
 mod walls;
 mod writer;

@@ -14,10 +14,10 @@ use std::process::Command;
 
 /// Samples and labels of a small volume.
 pub(crate) struct Scan {
-    dims: [usize; 3],
+    pub(crate) dims: [usize; 3],
     pub(crate) samples: Vec<u8>,
-    labels: Vec<u16>,
-    threshold: u8,
+    pub(crate) labels: Vec<u16>,
+    pub(crate) threshold: u8,
 }
 
 impl Scan {
@@ -174,6 +174,32 @@ fn cells_are_held_against_their_labels() {
         report.ok && report.labels && report.issues.is_empty(),
         "{report:#?}"
     );
+    assert!(report.unproved.is_empty(), "{:?}", report.unproved);
+    // where cells touch follows from the labels alone
+    let copy = dir.path().join("copy");
+    let edited = |edit: &dyn Fn(&mut Vec<Vec<String>>)| {
+        copy_all(&own, &copy);
+        edit_table(&Set(&copy), "necks.csv", edit);
+        Set(&copy).seal();
+        let unseen = check(&copy).ok;
+        let report = scan.compare_labelled(&copy, "labels.raw").unwrap();
+        fs::remove_dir_all(&copy).unwrap();
+        (unseen, codes(&report))
+    };
+    for (at, by) in [(4, 0.01), (5, 0.01), (6, 0.01), (7, 0.75)] {
+        let mut unseen = 0;
+        for number in 0..6 {
+            let found = edited(&|rows| {
+                let mut touching = rows.iter_mut().filter(|row| row[7] != "0");
+                let row = touching.nth(number).unwrap();
+                row[at] = (row[at].parse::<f64>().unwrap() + by).to_string();
+            });
+            unseen += u32::from(found.0);
+            assert_eq!(found.1, BTreeSet::from([Code::TableValue]), "{at}");
+        }
+        // openings lie across x, where both boxes end
+        assert!(unseen > 0 || at == 4, "{at}");
+    }
     let renamed = scan.compare_labelled(&own, "others.raw").unwrap();
     assert!(renamed.ok && codes(&renamed).iter().eq([&Code::SourceMismatch]));
     let refused = scan.compare_labelled(&dir.path().join("plain"), "labels.raw");
@@ -312,13 +338,23 @@ impl Sound {
 
     /// The codes that a broken copy yields; `edit` returns false if nothing was there to be broken.
     pub(crate) fn broken(&self, edit: impl FnOnce(&Set) -> bool) -> Option<BTreeSet<Code>> {
+        self.broken_by(None, edit)
+    }
+
+    /// The same where it is compared with a volume, if there is one.
+    pub(crate) fn broken_by(
+        &self,
+        scan: Option<&Scan>,
+        edit: impl FnOnce(&Set) -> bool,
+    ) -> Option<BTreeSet<Code>> {
         let copy = tempfile::tempdir().unwrap();
         let to = copy.path().join("own");
         copy_all(&self.dir.path().join("own"), &to);
         let set = Set(&to);
         let edited = edit(&set);
         set.seal();
-        edited.then(|| codes(&check(&to)))
+        let report = || scan.map_or_else(|| check(&to), |scan| scan.compare(&to));
+        edited.then(|| codes(&report()))
     }
 
     /// Tries all tiles until one yields exactly a code.

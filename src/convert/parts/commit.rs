@@ -86,7 +86,9 @@ impl Commit<'_> {
         let mut warnings = warnings(&totals, dims, threshold, dust);
         let cells = job.stated_cells(self.unlabelled()?, &self.curve()?);
         let of_parts = cells.as_ref();
-        warnings.extend(of_parts.and_then(|parts| warnings_of_parts(parts, totals.cells)));
+        let in_region = job.options.region.is_some();
+        let more = of_parts.and_then(|parts| warnings_of_parts(parts, totals.cells, in_region));
+        warnings.extend(more);
         warnings
             .iter()
             .for_each(|warning| job.progress.warn(warning));

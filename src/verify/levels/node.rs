@@ -7,10 +7,11 @@ use super::fins::Fins;
 use crate::grid::LATTICE;
 use crate::manifest::{Level, NodeEntry};
 use crate::sys::direct_io::Buffer;
-use crate::tile::read::PieceIds;
+use crate::tile::read::{PieceIds, ReadError, Tile};
 use crate::tile::{NodeMesh, SurfacePiece, TileMesh};
 use crate::verify::code::Code;
 use crate::verify::files::{self, Expected};
+use crate::verify::layout::joints;
 use crate::verify::report::{Issue, Issues};
 use serde_json::{Map, Value};
 use std::collections::{BTreeMap, BTreeSet};
@@ -145,25 +146,33 @@ impl<'a> Checker<'a> {
         };
         let count = |pieces: &[SurfacePiece]| pieces.iter().map(|p| p.triangles.len() as u64).sum();
         let all = || mesh.pieces.iter().chain(&mesh.fins);
-        let found: [u64; 4] = [
+        let [indices, strips] = match indices_and_strips(self.bytes.get()) {
+            Ok(counts) => counts,
+            Err(e) => return wrong(e.to_string(), issues),
+        };
+        let found: [u64; 6] = [
             count(&mesh.pieces),
             count(&mesh.fins),
             mesh.fins.len() as u64,
             all().map(|p| p.positions.len() as u64).sum(),
+            indices,
+            strips,
         ];
         let stated = [
             entry.triangles,
             entry.fin_triangles,
             entry.fin_rows.into(),
             entry.vertices,
+            entry.indices,
+            entry.strips,
         ];
         let said = (mesh.level, mesh.error, mesh.matrix);
         let expected = (self.level.level, entry.error, self.set.manifest.transform);
         if found != stated || said != expected {
             // what its triangles say can be looked at all the same
             let message = format!(
-                "found level {} with error {} and {found:?} triangles, fin triangles, fin rows and vertices, expected \
-                 level {} with error {} and {stated:?}, and the transform of the set",
+                "found level {} with error {} and {found:?} triangles, fin triangles, fin rows, vertices, indices and strips, \
+                 expected level {} with error {} and {stated:?}, and the transform of the set",
                 said.0, said.1, expected.0, expected.1
             );
             wrong(message, issues);
@@ -340,6 +349,18 @@ impl<'a> Checker<'a> {
             issues.add(Code::LodValue, at, message);
         }
     }
+}
+
+/// How many entries the indices of a node's file have, and strips that are stitched in them.
+fn indices_and_strips(bytes: &[u8]) -> Result<[u64; 2], ReadError> {
+    let (mut counts, mut indices) = ([0; 2], Vec::new());
+    for primitive in &Tile::read_node(bytes)?.primitives {
+        indices.clear();
+        primitive.indices.read_into(&mut indices);
+        counts[0] += indices.len() as u64;
+        counts[1] += 1 + joints(&indices).0;
+    }
+    Ok(counts)
 }
 
 /// What tells the surface of an edge: with caps, which close all of them, there is one.

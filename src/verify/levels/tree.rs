@@ -10,6 +10,7 @@ use crate::verify::foreign::foreign;
 use crate::verify::report::Issues;
 use glam::{DMat4, DVec3};
 use serde::Deserialize;
+use serde_json::{Value, json};
 use std::collections::{BTreeMap, BTreeSet};
 
 /// Pixels that viewers take for sharp by default.
@@ -24,14 +25,15 @@ struct Document {
     #[serde(rename = "geometricError")]
     error: f64,
     root: Tile,
-    #[serde(default)]
-    #[allow(dead_code)]
-    extras: serde::de::IgnoredAny,
+    extras: Option<Value>,
 }
 
 #[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
 struct Asset {
     version: String,
+    #[serde(rename = "tilesetVersion")]
+    tileset_version: String,
 }
 
 #[derive(Deserialize)]
@@ -176,7 +178,39 @@ impl Walk<'_> {
                 "expected version 1.1, REPLACE at the root, and an error above that of the root";
             wrong(path, message, issues);
         }
+        self.check_words(path, &document, issues);
         Some(document)
+    }
+
+    /// Compares what a tileset says of the set: the checksum of the index of levels, by which viewers tell one state from
+    /// others, and in that of the root units and scales.
+    fn check_words(&self, path: &str, document: &Document, issues: &mut Issues) {
+        let manifest = self.set.manifest;
+        let version = manifest.lod.as_ref().map(|lod| lod.checksum.as_str());
+        let found = document.asset.tileset_version.as_str();
+        if Some(found) != version {
+            let version = version.unwrap_or("none");
+            let message = format!("found tilesetVersion {found}, expected {version}");
+            wrong(path, message, issues);
+        }
+        let pixels = self.levels.pixel_error;
+        let expected = (path == TILESET).then(|| {
+            json!({"alvis": {
+                "unit": manifest.placement.unit,
+                "voxel_metres": self.voxel(),
+                "pixel_error": pixels,
+                "error_scale": PIXELS / pixels
+            }})
+        });
+        if !same_words(&document.extras, &expected) {
+            let text = |v: &Option<Value>| v.as_ref().map_or("none".to_owned(), |v| v.to_string());
+            let message = format!(
+                "found the extras {}, expected {}",
+                text(&document.extras),
+                text(&expected)
+            );
+            wrong(path, message, issues);
+        }
     }
 
     /// Checks a tile of the tileset at `path` and all below it.
@@ -292,6 +326,30 @@ impl Walk<'_> {
         let m = &self.to_metres;
         let sides = [m.x_axis, m.y_axis, m.z_axis].map(|v| v.truncate().length());
         sides.into_iter().fold(0.0, f64::max)
+    }
+}
+
+/// True if two values have the same members, and numbers that differ by rounding at most.
+fn same(a: &Value, b: &Value) -> bool {
+    match (a, b) {
+        (Value::Object(a), Value::Object(b)) => {
+            a.len() == b.len()
+                && a.iter()
+                    .all(|(name, v)| b.get(name).is_some_and(|w| same(v, w)))
+        }
+        (Value::Number(a), Value::Number(b)) => {
+            let number = |v: &serde_json::Number| v.as_f64().unwrap_or(f64::NAN);
+            (number(a) - number(b)).abs() <= 1e-12 * number(b).abs()
+        }
+        _ => a == b,
+    }
+}
+
+fn same_words(a: &Option<Value>, b: &Option<Value>) -> bool {
+    match (a, b) {
+        (Some(a), Some(b)) => same(a, b),
+        (None, None) => true,
+        _ => false,
     }
 }
 

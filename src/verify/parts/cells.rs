@@ -21,6 +21,9 @@ const COMPONENT: usize = COLUMNS.len();
 const NECKS: usize = COMPONENT + 1;
 const LARGEST_NECK: usize = COMPONENT + 2;
 
+/// How far from the centre of a voxel the end of a box may be that is computed from it, in steps of voxels.
+const OFF_VOXEL: f64 = 1e-6;
+
 /// Words of a row that is sorted by component: that, 0 for a cell of several, and the columns, NaN for none.
 pub(super) const SHARE: usize = 1 + COLUMNS.len() + 1;
 /// Rows that the sort keeps in memory.
@@ -53,7 +56,7 @@ impl CellRow {
 pub(super) struct CellTable<'a> {
     cx: &'a Context<'a>,
     table: Table,
-    rows: ComponentRows<'a>,
+    pub rows: ComponentRows<'a>,
     exact: Exactness,
     unit: &'static str,
     last: u64,
@@ -194,13 +197,22 @@ impl<'a> CellTable<'a> {
         {
             wrong.push("touches_border is not what its box says".to_owned());
         }
-        let room: f64 = (0..3)
-            .map(|r| {
-                let step: f64 = (0..3)
-                    .map(|i| place.directions[i][r].abs() * place.spacing[i])
-                    .sum();
-                ((stated[1][r] - stated[0][r]) / step).round() + 1.0
+        let step = |r: usize| -> f64 {
+            let along = |i: usize| place.directions[i][r].abs() * place.spacing[i];
+            (0..3).map(along).sum()
+        };
+        let at_voxels = |r: usize| {
+            let slack = error(whole[0][r]).max(error(whole[1][r]));
+            stated.iter().all(|end| {
+                let steps = (end[r] - whole[0][r]) / step(r);
+                (steps - steps.round()).abs() * step(r) <= slack + OFF_VOXEL * step(r)
             })
+        };
+        if !(0..3).all(at_voxels) {
+            wrong.push("its box does not end at voxels".to_owned());
+        }
+        let room: f64 = (0..3)
+            .map(|r| ((stated[1][r] - stated[0][r]) / step(r)).round() + 1.0)
             .product();
         // a NaN compares false
         if !row.values[VOXELS].is_some_and(|voxels| voxels <= room) {

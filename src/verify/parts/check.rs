@@ -8,7 +8,6 @@ use crate::error::Result;
 use crate::manifest::PartsBy;
 use crate::verify::code::Code;
 use crate::verify::components::ComponentRows;
-use crate::verify::labels::LabelCounts;
 use crate::verify::laws::{Found, FoundParts, Listed, Totals};
 use crate::verify::ledger::{ByComponent, Group, Kind, Ledger, Rows};
 use crate::verify::paint::Paints;
@@ -16,6 +15,7 @@ use crate::verify::report::Issues;
 use crate::verify::spill::Spill;
 use crate::verify::tables::Table;
 use crate::verify::tile::Context;
+use crate::verify::voxels::VoxelLedger;
 
 /// Records of two numbers that a sort keeps in memory.
 const PAIRS: usize = 1 << 13;
@@ -76,8 +76,8 @@ pub(in crate::verify) fn check(
         necks: stated.necks,
     };
     let mut cells = stated.cells;
-    let by_labels = found.by_labels.take();
-    if let Some(of) = check_cells(of_cell, by_labels, of_cells, cx)? {
+    let by_cells = found.by_cells.take();
+    if let Some(of) = check_cells(of_cell, by_cells, of_cells, cx)? {
         (cells, counts.necks) = (of.cells, of.necks);
         if let Some(count) = check_components(of, connected, of_components, &mut bodies, cx)? {
             counts.components = count;
@@ -138,7 +138,7 @@ fn check_surfaces(mut rows: Rows, listed: &mut Listed, cx: &Context) -> Result<S
 /// Checks cells and necks with their tables; returns what is of each component, if all rows can be read.
 fn check_cells(
     mut of: OfCells,
-    by_labels: Option<LabelCounts>,
+    by_cells: Option<VoxelLedger>,
     listed: &mut Listed,
     cx: &Context,
 ) -> Result<Option<OfComponents>> {
@@ -148,7 +148,7 @@ fn check_cells(
         return Ok(None);
     };
     let mut paints = Paints::open(cx.root, cx.manifest, Kind::Cell, &mut listed.unopened);
-    let mut by_labels = by_labels.map(LabelCounts::into_sorted).transpose()?;
+    let mut by_cells = by_cells.map(VoxelLedger::into_sorted).transpose()?;
     let mut sums = ByComponent::new();
     let [mut tiles, mut objects] = [0; 2].map(|_| Spill::new(PAIRS));
     let mut cells = 0;
@@ -159,8 +159,8 @@ fn check_cells(
         let own_necks = necks.of_cell(&row, listed)?;
         let known = necks.is_whole.then_some(&own_necks);
         table.check(&row, pieces.as_ref(), &begins, known, listed)?;
-        if let Some(by_labels) = &mut by_labels {
-            by_labels.compare(row.id, table.last_voxels(), &table.place(), listed)?;
+        if let Some(by_cells) = &mut by_cells {
+            by_cells.compare(row.id, &row.values, &table.rows, &table.place(), listed)?;
         }
         let component = row.component().unwrap_or(0);
         let mut euler_fits = true;
@@ -189,8 +189,8 @@ fn check_cells(
     pieces_of(u64::MAX, &mut of.sums, listed)?;
     necks.finish(listed)?;
     check_unlabelled(table.last_voxels(), listed, cx);
-    if let Some(by_labels) = by_labels {
-        by_labels.finish(cx.manifest, listed)?;
+    if let Some(by_cells) = by_cells {
+        by_cells.finish(cx.manifest, listed)?;
     }
     if let Some(paints) = &mut paints {
         paints.finish(&mut listed.values);

@@ -16,7 +16,8 @@
 //!    and the surfaces of all are those of its body ([`components`]). There are as many pairs of a component and an object
 //!    with a surface as connected parts.
 //! 5. Necks join two cells of one component that lie beside each other, each pair once, and each cell has as many as its
-//!    row says ([`necks`]).
+//!    row says ([`necks`]). Of cells that were split, radii and ratios are those of distances of voxels and cut by the rule,
+//!    as many as there are cells more than components, and at smaller ratios as many as the curve says ([`rule`]).
 //!
 //! Not proved by the tiles: how many voxels a cell has that others touch, and where they touch; that triangles on both
 //! sides of a tile's plane begin at voxels of one cell; and of components in which a cell has voxels that has some in
@@ -28,9 +29,11 @@ mod cells;
 mod check;
 mod components;
 mod necks;
+mod rule;
 mod sums;
 mod weld;
 
 pub(super) use check::check;
+pub(super) use rule::check_index;
 pub(super) use sums::{PartLedger, PartSums};
 pub(super) use weld::Weld;

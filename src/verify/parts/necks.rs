@@ -1,6 +1,7 @@
 //! The table of necks: where cells of one component touch.
 
 use super::cells::CellRow;
+use super::rule::SplitRule;
 use crate::error::Result;
 use crate::grid::Placement;
 use crate::verify::code::Code;
@@ -66,12 +67,17 @@ impl NeckTable {
             .as_ref()
             .map_or(String::new(), |lines| lines.path.clone());
         let (mut is_whole, mut count) = (false, 0);
+        let (mut rule, mut sound) = (SplitRule::of(cx.manifest), true);
         if let Some(mut lines) = lines {
             let mut last = [0.0; 2];
             while let Some(row) = lines.next_row(&mut listed.values) {
                 count += 1;
                 let cells = [0, 1].map(|i| row[i].unwrap_or(0.0));
-                let wrong = wrong_in(&row, &cells, &last, split);
+                let wrong = wrong_in(&row, &cells, &last, split).or_else(|| {
+                    let message = rule.as_mut()?.check_row(&row)?;
+                    Some((Code::TableValue, message))
+                });
+                sound &= wrong.is_none();
                 if let Some(wrong) = wrong {
                     let (code, message) = wrong;
                     listed.values.add(code, lines.place(), message);
@@ -85,6 +91,10 @@ impl NeckTable {
                 }
             }
             is_whole = !lines.damaged;
+        }
+        // of rows that are wrong nothing more is said
+        if let Some(rule) = rule.filter(|_| is_whole && sound) {
+            rule.finish(cx.manifest, &mut listed.values);
         }
         let mut sorted = by_cell.into_sorted()?;
         let place = cx.manifest.measured();

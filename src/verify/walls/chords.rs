@@ -88,11 +88,16 @@ impl Crossing {
         usize::from(axis(self.point[3]))
     }
 
-    /// The voxel below, as [`voxel_key`].
-    fn below(&self) -> u64 {
+    /// The voxel below.
+    pub fn voxel_below(&self) -> [i32; 3] {
         let mut voxel = position(self.point).map(|c| c >> 8);
         voxel[self.axis()] += i32::from(self.leaves);
-        voxel_key(voxel)
+        voxel
+    }
+
+    /// The same as [`voxel_key`].
+    fn below(&self) -> u64 {
+        voxel_key(self.voxel_below())
     }
 
     fn end(&self, slant: &Slant) -> End {

@@ -8,12 +8,13 @@
 //! 2. By the tiles alone a normal tells within bounds which share the line's axis has of the wall and how slanted that is,
 //!    for what central differences miss is not in it; with the volume the samples tell it ([`slant`]). So by the tiles each
 //!    row is within bounds: its number of chords, its area, its thickness and whether it is thin; with the volume these
-//!    bounds are those of rounding. Each pair that has chords beyond doubt has a row ([`table`]).
+//!    bounds are what gradients in 32 bits leave. Each pair that has chords beyond doubt has a row ([`table`]).
 //! 3. What rows of cells say of neighbours and the thickness of walls follows from the tables of walls and of necks, and
 //!    the areas of cells ([`cells`]).
 //!
 //! Where cells are parts of components, tiles tell the cell of a voxel only if a triangle begins at it. Chords that end at
-//! others may be of any row: then rows may have as many chords more.
+//! others may be of any row: then rows may have as many chords more. Where labels, or a split of the volume, tell the cell of
+//! each voxel there are no such chords.
 //!
 //! Of a part of a set, whose tiles lack surfaces, the tables are held against each other alone.
 

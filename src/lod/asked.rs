@@ -1,0 +1,150 @@
+//! What is asked for of levels, and whether those that are there are it.
+
+use crate::error::{Error, Result};
+use crate::manifest::{LEVELS, Levels};
+use crate::tileset::TileSet;
+
+/// Pixels that an error may have: beyond these a viewer shows all tiles, or the root alone, however far away.
+const PIXEL_ERRORS: [f64; 2] = [0.001, 1000.0];
+
+/// How levels are made.
+#[derive(Debug, Clone, Copy)]
+pub struct LodOptions {
+    /// Share of the triangles that a level keeps of the one below; above 0 and at most 0.5.
+    pub ratio: f64,
+    /// The most levels, the tiles counted; at least 2. Without it there are as many as lead to one root.
+    pub levels: Option<u32>,
+    /// Pixels that an error may have on the screen of a viewer of 3D Tiles; 0.001 to 1000.
+    pub pixel_error: f64,
+    /// Most bytes of memory.
+    pub memory: u64,
+    /// Threads; 0 for one per core.
+    pub threads: usize,
+    /// Go on with what was interrupted.
+    pub resume: bool,
+    /// Replace levels that are there.
+    pub force: bool,
+}
+
+impl Default for LodOptions {
+    fn default() -> Self {
+        LodOptions {
+            ratio: 0.125,
+            levels: None,
+            pixel_error: 1.0,
+            memory: 1 << 30,
+            threads: 0,
+            resume: false,
+            force: false,
+        }
+    }
+}
+
+/// Refuses options that are out of range.
+///
+/// # Errors
+/// [`Error::Usage`].
+pub fn check(options: &LodOptions) -> Result<()> {
+    let wrong =
+        |option: &str, found: String, expected: &str| Err(Error::usage(option, found, expected));
+    let LodOptions {
+        ratio,
+        levels,
+        pixel_error,
+        ..
+    } = *options;
+    if !(ratio > 0.0 && ratio <= 0.5) {
+        return wrong(
+            "--ratio",
+            ratio.to_string(),
+            "a share above 0 and at most 1/2",
+        );
+    }
+    if let Some(levels) = levels.filter(|&n| n < 2) {
+        return wrong(
+            "--levels",
+            levels.to_string(),
+            "2 or more, the tiles counted",
+        );
+    }
+    let [least, most] = PIXEL_ERRORS;
+    if !(least..=most).contains(&pixel_error) {
+        let expected = format!("pixels from {least} to {most}");
+        return wrong("--pixel-error", pixel_error.to_string(), &expected);
+    }
+    Ok(())
+}
+
+/// The levels that a set has, if they are not to be replaced: of those nothing is read, for they may be damaged.
+///
+/// # Errors
+/// Those of [`TileSet::levels`].
+pub fn kept_levels(set: &TileSet, options: &LodOptions) -> Result<Option<Levels>> {
+    if options.force {
+        return Ok(None);
+    }
+    set.levels().map_err(|error| {
+        let hint = "--force makes the levels of detail anew; the tiles stay as they are";
+        match error {
+            Error::Io { .. } => {
+                let path = set.dir().join(LEVELS);
+                Error::format(
+                    path,
+                    format!("none that can be read ({error})"),
+                    "an index of levels",
+                )
+            }
+            other => other,
+        }
+        .with_hint(hint)
+    })
+}
+
+/// Refuses levels that are there, unless they are those that are asked for and going on with them was: then nothing is to be
+/// done.
+///
+/// # Errors
+/// [`Error::Usage`].
+pub fn check_kept(levels: &Levels, set: &TileSet, options: &LodOptions) -> Result<()> {
+    if options.resume && is_of(levels, options) {
+        return Ok(());
+    }
+    let of = |ratio: f64, count: Option<u32>, pixels: f64| {
+        let count = count.map_or("all".to_owned(), |n| n.to_string());
+        format!("--ratio {ratio}, {count} levels and --pixel-error {pixels}")
+    };
+    let found = match options.resume {
+        true => format!(
+            "levels of detail there already, made with {}",
+            of(
+                levels.ratio,
+                Some(levels.levels.len() as u32 + 1),
+                levels.pixel_error
+            )
+        ),
+        false => "levels of detail there already".to_owned(),
+    };
+    let expected = match options.resume {
+        true => format!(
+            "those of {}, or --force to make them anew",
+            of(options.ratio, options.levels, options.pixel_error)
+        ),
+        false => "a tile set without them, or --force to make them anew".to_owned(),
+    };
+    Err(Error::usage(
+        set.dir().display().to_string(),
+        found,
+        expected,
+    ))
+}
+
+/// True if levels that are there are those that are asked for.
+fn is_of(levels: &Levels, options: &LodOptions) -> bool {
+    let count = levels.levels.len() as u32 + 1;
+    let all = levels.levels.last().is_some_and(|l| l.grid == [1; 3]);
+    levels.ratio == options.ratio
+        && levels.pixel_error == options.pixel_error
+        && options
+            .levels
+            .map_or(all, |most| count == most || count < most && all)
+}
