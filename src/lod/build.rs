@@ -82,14 +82,17 @@ pub fn build(
     let target = (mesh.triangles.len() as f64 * recipe.ratio).ceil() as usize;
     let kept = kept(&mesh.surfaces, target);
     let coarse = Coarse::of(&mesh, &border, kept, target, recipe);
-    let coarse = match coarse.triangles.is_empty() {
+    let mut coarse = match coarse.triangles.is_empty() {
         false => coarse,
-        // a node without a surface could not stand for its children
         true => {
             let all = vec![true; mesh.surfaces.len()];
             Coarse::of(&mesh, &border, all, mesh.triangles.len(), recipe)
         }
     };
+    // a node without a surface could not stand for its children
+    if coarse.triangles.is_empty() {
+        coarse.specks(&mesh, &border, recipe, 0).stand_in();
+    }
     let inner = !recipe.planes.faces;
     let moved = moved(
         &mesh,
@@ -174,21 +177,32 @@ impl Coarse {
             clusters,
             placed,
         };
-        let specks = Specks {
-            mesh,
-            border,
-            planes,
-            open_faces: recipe.open_faces(),
-            step: rules.step,
-            clusters: &mut coarse.clusters,
-            points: &mut coarse.placed.points,
-            triangles: &mut coarse.triangles,
-            room: (target / 2).max(SMALL_ROOM),
-        };
-        specks.bring_back();
+        let room = (target / 2).max(SMALL_ROOM);
+        coarse.specks(mesh, border, recipe, room).bring_back();
         coarse.part_pinches(recipe);
         coarse.smooth_folds(recipe);
         coarse
+    }
+
+    /// What may come back of surfaces that are gone.
+    fn specks<'a>(
+        &'a mut self,
+        mesh: &'a Mesh,
+        border: &'a Border,
+        recipe: &'a Recipe,
+        room: usize,
+    ) -> Specks<'a> {
+        Specks {
+            mesh,
+            border,
+            planes: &recipe.planes,
+            open_faces: recipe.open_faces(),
+            step: recipe.rules.step,
+            clusters: &mut self.clusters,
+            points: &mut self.placed.points,
+            triangles: &mut self.triangles,
+            room,
+        }
     }
 
     /// Turns triangles back that face against their normals.
@@ -223,7 +237,7 @@ impl Coarse {
             let surface = self.clusters.all[added.beside as usize].surface;
             let normal = added.normal.normalize_or_zero() * f64::from(NORMAL);
             self.clusters
-                .add_one(surface, normal.to_array().map(|v| v as i64));
+                .add_one(surface, normal.to_array().map(|v| v as i64), 0);
         }
     }
 }

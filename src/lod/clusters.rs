@@ -89,17 +89,21 @@ pub struct Clusters {
 }
 
 impl Clusters {
-    /// Adds one inside of which no vertex has become a part.
-    pub fn add_one(&mut self, surface: u32, normal: [i64; 3]) {
+    /// Adds one of which no vertex has become a part; of the border, `planes` are those it lies on, where it stays.
+    pub fn add_one(&mut self, surface: u32, normal: [i64; 3], planes: OnPlanes) {
         self.all.push(Cluster {
-            kind: Kind::Inner,
+            kind: if planes == 0 {
+                Kind::Inner
+            } else {
+                Kind::Stays
+            },
             surface,
             block: [0; 3],
             leader: self.all.len() as u32,
             count: 0,
             sum: [0; 3],
             normal,
-            planes: 0,
+            planes,
         });
     }
 }

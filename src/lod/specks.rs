@@ -47,6 +47,8 @@ impl Specks<'_> {
         }
         if is_gone.contains(&true) {
             let mut gone = self.alone(&is_gone);
+            let is_shared = |v: &u32| self.border.of_vertex[*v as usize] & !self.open_faces != 0;
+            gone.retain(|s| !s.vertices.is_empty() && !s.vertices.iter().any(is_shared));
             // those that have most to show, if there is no room for all
             gone.sort_by_key(|surface| std::cmp::Reverse(surface.triangles.len()));
             let left = (self.room / gone.len().max(1)).clamp(LEAST, MOST);
@@ -55,7 +57,21 @@ impl Specks<'_> {
         }
     }
 
-    /// The surfaces that are gone, in their order.
+    /// Adds the smallest piece of the surface that has most triangles, for a node of which else nothing is left.
+    pub fn stand_in(mut self) {
+        let surfaces = self.mesh.surfaces.iter().enumerate();
+        let most =
+            surfaces.max_by_key(|(i, s)| (!s.key.is_cap, s.triangles, std::cmp::Reverse(*i)));
+        let wanted: Vec<bool> = (0..self.mesh.surfaces.len())
+            .map(|i| most.is_some_and(|(first, _)| first == i))
+            .collect();
+        let all = self.alone(&wanted);
+        if let Some(own) = all.iter().find(|s| !s.vertices.is_empty()) {
+            self.add_smallest(own);
+        }
+    }
+
+    /// The surfaces that are gone, in their order; the others without a vertex.
     fn alone(&self, is_gone: &[bool]) -> Vec<Alone> {
         let mut all: Vec<Alone> = is_gone.iter().map(|_| Alone::default()).collect();
         let mut numbers = vec![u32::MAX; self.mesh.points.len()];
@@ -74,17 +90,12 @@ impl Specks<'_> {
                 own.triangles.push(triangle);
             }
         }
-        let is_shared = |v: &u32| self.border.of_vertex[*v as usize] & !self.open_faces != 0;
-        all.retain(|s| !s.vertices.is_empty() && !s.vertices.iter().any(is_shared));
         all
     }
 
-    /// Adds a tetrahedron one step wide for a closed surface that is smaller than that.
+    /// Adds a tetrahedron one step wide for a surface that is smaller than that.
     fn add_smallest(&mut self, alone: &Alone) {
-        let Planes { low, high, .. } = self.planes;
-        if (0..3).any(|a| high[a] - low[a] < 4 * self.step) {
-            return;
-        }
+        let Planes { low, high, .. } = *self.planes;
         let count = alone.vertices.len() as f64;
         let place = |v: &u32| DVec3::from(self.mesh.points[*v as usize].map(f64::from));
         let middle = alone.vertices.iter().map(place).sum::<DVec3>() / count;
@@ -93,10 +104,15 @@ impl Specks<'_> {
             let [p, q, r] = t.map(|v| place(&alone.vertices[v as usize]) - middle);
             volume += p.dot(q.cross(r));
         }
-        // all four corners lie strictly between the planes
+        // all four corners lie strictly between the planes if there is room; else they have to match nothing there, either
         let corner = |a: usize| {
-            let most = f64::from(self.planes.high[a] - 2 * self.step);
-            self.planes.between(a, middle[a].min(most), self.step)
+            let inner = if high[a] - low[a] >= 3 * self.step {
+                self.step
+            } else {
+                0
+            };
+            let steps = (middle[a] / f64::from(self.step)).round() as i32;
+            (steps * self.step).clamp(low[a] + inner, high[a] - inner - self.step)
         };
         let base: [i32; 3] = std::array::from_fn(corner);
         let first = self.points.len() as u32;
@@ -111,7 +127,7 @@ impl Specks<'_> {
                 normal[k - 1] = way;
             }
             self.points.push(point);
-            self.clusters.add_one(surface, normal);
+            self.clusters.add_one(surface, normal, 0);
         }
         for [a, b, c] in [[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]] {
             let corners = if way > 0 { [a, b, c] } else { [a, c, b] };
@@ -156,7 +172,9 @@ impl Specks<'_> {
                     self.points.push(points[v as usize]);
                     let own = alone.vertices[v as usize] as usize;
                     let normal = self.mesh.normals[own].map(i64::from);
-                    self.clusters.add_one(self.mesh.surface_of[own], normal);
+                    let planes = self.border.of_vertex[own];
+                    self.clusters
+                        .add_one(self.mesh.surface_of[own], normal, planes);
                 }
                 *number
             });
