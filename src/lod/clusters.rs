@@ -38,7 +38,7 @@ impl Rules {
         }
     }
 
-    /// The middle of a cluster's block, in lattice steps.
+    /// The middle of a cluster's block, in lattice steps; of none that stays.
     #[inline]
     pub fn middle(&self, cluster: &Cluster) -> [i32; 3] {
         let width = self.width(cluster.kind);
@@ -330,9 +330,9 @@ impl Clustering<'_> {
             of_vertex.push(own);
             let leader = all[own as usize].leader;
             let sums = &mut all[leader as usize];
-            let middle = rules.middle(sums);
             sums.count += 1;
             if sums.kind != Kind::Stays {
+                let middle = rules.middle(sums);
                 for a in 0..3 {
                     sums.sum[a] += i64::from(point[a] - middle[a]);
                 }

@@ -11,7 +11,7 @@ use glam::DVec3;
 
 /// So many triangles are left of one at most; a tetrahedron at least.
 const MOST: usize = 6;
-const LEAST: usize = 4;
+pub const LEAST: usize = 4;
 
 /// What a node has of its surfaces, and what it is made of.
 pub struct Specks<'a> {
@@ -49,8 +49,8 @@ impl Specks<'_> {
             let mut gone = self.alone(&is_gone);
             let is_shared = |v: &u32| self.border.of_vertex[*v as usize] & !self.open_faces != 0;
             gone.retain(|s| !s.vertices.is_empty() && !s.vertices.iter().any(is_shared));
-            // those that have most to show, if there is no room for all
-            gone.sort_by_key(|surface| std::cmp::Reverse(surface.triangles.len()));
+            // the largest, if there is no room for all
+            gone.sort_by_cached_key(|surface| std::cmp::Reverse(self.extent(surface)));
             let left = (self.room / gone.len().max(1)).clamp(LEAST, MOST);
             gone.truncate(self.room / left);
             gone.iter().for_each(|surface| self.add(surface, left));
@@ -91,6 +91,18 @@ impl Specks<'_> {
             }
         }
         all
+    }
+
+    /// The squared diagonal of the box of a surface, in lattice steps.
+    fn extent(&self, alone: &Alone) -> i64 {
+        let side = |a: usize| {
+            let all = || {
+                let vertices = alone.vertices.iter();
+                vertices.map(|&v| i64::from(self.mesh.points[v as usize][a]))
+            };
+            all().max().unwrap_or(0) - all().min().unwrap_or(0)
+        };
+        (0..3).map(|a| side(a) * side(a)).sum()
     }
 
     /// Adds a tetrahedron one step wide for a surface that is smaller than that.
@@ -151,7 +163,7 @@ impl Specks<'_> {
             error: f32::MAX,
         };
         let few = collapse(alone.triangles.clone(), &places, &locked, limits);
-        let few = distinct(few.triangles, &points, |_| 0);
+        let few = distinct(few, &points, |_| 0);
         let left = match few.is_empty() {
             true => distinct(alone.triangles.clone(), &points, |_| 0),
             false => few,
