@@ -4,7 +4,7 @@ use super::border::Border;
 use super::clusters::{Cluster, Clustering, Clusters, Kind, Rules};
 use super::collapse::{Limits, collapse};
 use super::curves::staying;
-use super::distance::{Coarser, furthest};
+use super::distance::{Coarser, nearly_furthest};
 use super::fins::{FinShape, in_a_row};
 use super::folds::Folded;
 use super::gap::{Moved, Segment, moved};
@@ -78,7 +78,7 @@ pub struct Built {
     pub strips: u64,
     /// Edges of the border in planes that are no faces of the volume.
     pub border_edges: u64,
-    /// How far surfaces of the children lie from its own at most, in voxels.
+    /// How far 99.9 % of the children's surfaces lie from its own at most, in voxels.
     pub error: f32,
     /// How far the border has moved in its planes, in lattice steps.
     pub gap: u32,
@@ -127,7 +127,7 @@ pub fn build(
     };
     let output = Output {
         // triangles of tiles are so small that their corners will do
-        error: furthest(&mesh, &coarser, !recipe.is_first),
+        error: nearly_furthest(&mesh, &coarser, !recipe.is_first),
         surfaces: &mesh.surfaces,
         coarse: &coarse,
         recipe,

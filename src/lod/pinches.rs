@@ -342,6 +342,21 @@ mod tests {
     }
 
     proptest! {
+        /// Where vertices lie close together and at planes, too, new ones lie at no corner of their triangles.
+        #[test]
+        fn no_triangle_loses_a_corner(
+            triangles in prop::collection::vec((0..9u32, 0..9u32, 0..9u32), 0..40),
+            points in prop::collection::btree_set([0..4, 0..4, 0..4i32], 9),
+        ) {
+            let proper = triangles.iter().map(|&(a, b, c)| [a, b, c]);
+            let proper: Vec<_> = proper.filter(|[a, b, c]| a != b && b != c && a != c).collect();
+            let points: Vec<_> = points.into_iter().map(|p| p.map(|v| 4 * v)).collect();
+            let (points, parted) = parted(&points, &proper);
+            for [a, b, c] in parted.into_iter().map(|t| t.map(|v| points[v as usize])) {
+                prop_assert!(a != b && b != c && a != c, "{:?} {:?} {:?}", a, b, c);
+            }
+        }
+
         /// What is open stays as open as it is, and of edges few are left with more than one mate.
         #[test]
         fn open_edges_stay(triangles in prop::collection::vec((0..9u32, 0..9u32, 0..9u32), 0..40)) {

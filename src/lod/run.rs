@@ -73,8 +73,8 @@ pub struct LodReport {
     pub triangles_by_level: Vec<u64>,
     /// Bytes of files that were written, tiles not counted.
     pub bytes_written: u64,
-    /// How far surfaces of the tiles lie from those of a level at most, in voxels: from one level to the next as it is
-    /// measured, summed up. What is gone counts by half of its diagonal.
+    /// How far surfaces of the tiles lie from those of a level, in voxels: the largest of its nodes, see
+    /// [`NodeEntry::error`].
     pub error_by_level: Vec<f64>,
     /// Edges of borders that nodes share, counted in each; of the tiles not known.
     pub border_edges_by_level: Vec<Option<u64>>,

@@ -199,6 +199,7 @@ impl Specks<'_> {
 mod tests {
     use super::*;
     use crate::grid::{Dims, Tiling};
+    use crate::lod::clusters::Kind;
     use crate::lod::mesh::{Surface, SurfaceKey};
     use crate::tile::Extras;
 
@@ -241,6 +242,44 @@ mod tests {
             volume.sum(),
             edges().all(|(a, b)| edges().any(|e| e == (b, a))),
         )
+    }
+
+    /// Half of an octahedron, whose rim lies on a face of the volume: what comes back of it is known to lie there, so
+    /// that it is not moved off it.
+    #[test]
+    fn what_lies_on_a_face_stays_on_it() {
+        let tiling = Tiling {
+            dims: Dims([41; 3]),
+            macrocube: [20; 3],
+        };
+        let planes = Planes::of(tiling, 1, [0; 3]);
+        let mut mesh = octahedron([2000, 3000, 0], 400);
+        mesh.triangles.retain(|t| !t.contains(&5));
+        let border = Border::of(&mesh, &planes);
+        let mut clusters = Clusters {
+            all: Vec::new(),
+            of_vertex: Vec::new(),
+        };
+        let (mut points, mut triangles) = (Vec::new(), Vec::new());
+        Specks {
+            mesh: &mesh,
+            border: &border,
+            planes: &planes,
+            open_faces: planes.faces,
+            step: 32,
+            clusters: &mut clusters,
+            points: &mut points,
+            triangles: &mut triangles,
+            room: 100,
+        }
+        .bring_back();
+        assert!(
+            points.iter().filter(|p| p[2] == 0).count() > 2,
+            "{points:?}"
+        );
+        for (point, cluster) in points.iter().zip(&clusters.all) {
+            assert_eq!(cluster.kind == Kind::Stays, point[2] == 0, "{point:?}");
+        }
     }
 
     #[test]
