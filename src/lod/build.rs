@@ -25,6 +25,8 @@ const SMALL: usize = 100;
 /// Their room: a share of the triangles that are wanted, on the first level, where none is to be lost, so many at least.
 const SMALL_SHARE: f64 = 0.65;
 const SMALL_ROOM: usize = 1000;
+/// Surfaces that so many blocks hold are given up first where too many triangles are left.
+const SMALL_BLOCKS: i32 = 2;
 
 /// How far borders may move in their planes, in blocks.
 const CURVE: f64 = 0.2;
@@ -212,7 +214,11 @@ impl Coarse {
             placed,
         };
         let room = left.max(if recipe.is_first { SMALL_ROOM } else { 0 });
-        coarse.specks(mesh, border, recipe, room).bring_back();
+        let mut small = coarse.specks(mesh, border, recipe, room);
+        if !recipe.is_first {
+            small.give_up(target, SMALL_BLOCKS * rules.block);
+        }
+        small.bring_back();
         coarse.part_pinches(recipe);
         coarse.smooth_folds(recipe);
         coarse

@@ -38,6 +38,44 @@ struct Alone {
 }
 
 impl Specks<'_> {
+    /// Gives up surfaces so that no more than so many triangles are left, if those that fit into a box this wide will do:
+    /// the smallest first, apart from those that other nodes continue. Edges of surfaces that are full of holes cannot
+    /// be collapsed as far as is wanted.
+    pub fn give_up(&mut self, most: usize, width: i32) {
+        let surface = |t: &[u32; 3]| self.clusters.all[t[0] as usize].surface as usize;
+        let mut counts = vec![0; self.mesh.surfaces.len()];
+        self.triangles.iter().for_each(|t| counts[surface(t)] += 1);
+        let mut left = self.triangles.len();
+        if left <= most {
+            return;
+        }
+        let is_small = |i: usize| counts[i] > MOST && !self.mesh.surfaces[i].key.is_cap;
+        let wanted: Vec<bool> = (0..counts.len()).map(is_small).collect();
+        let widest = i64::from(width) * i64::from(width);
+        let alone = self.alone(&wanted).into_iter().enumerate();
+        let own = alone.filter(|(_, s)| !s.vertices.is_empty() && !self.is_shared(s));
+        let mut small: Vec<(i64, usize)> = own.map(|(i, s)| (self.extent(&s), i)).collect();
+        small.retain(|(extent, _)| *extent < widest);
+        small.sort_unstable();
+        let mut is_gone = vec![false; counts.len()];
+        for (_, i) in small {
+            if left <= most {
+                break;
+            }
+            is_gone[i] = true;
+            left -= counts[i] - LEAST;
+        }
+        let all = &self.clusters.all;
+        self.triangles
+            .retain(|t| !is_gone[all[t[0] as usize].surface as usize]);
+    }
+
+    /// True for a surface that other nodes continue.
+    fn is_shared(&self, alone: &Alone) -> bool {
+        let is_shared = |v: &u32| self.border.of_vertex[*v as usize] & !self.open_faces != 0;
+        alone.vertices.iter().any(is_shared)
+    }
+
     /// Brings surfaces back of which no triangle is left, as far as there is room, apart from those that other nodes
     /// continue.
     pub fn bring_back(mut self) {
@@ -47,8 +85,7 @@ impl Specks<'_> {
         }
         if is_gone.contains(&true) {
             let mut gone = self.alone(&is_gone);
-            let is_shared = |v: &u32| self.border.of_vertex[*v as usize] & !self.open_faces != 0;
-            gone.retain(|s| !s.vertices.is_empty() && !s.vertices.iter().any(is_shared));
+            gone.retain(|s| !s.vertices.is_empty() && !self.is_shared(s));
             // the largest, if there is no room for all
             gone.sort_by_cached_key(|surface| std::cmp::Reverse(self.extent(surface)));
             let left = (self.room / gone.len().max(1)).clamp(LEAST, MOST);
@@ -164,14 +201,21 @@ impl Specks<'_> {
         };
         let few = collapse(alone.triangles.clone(), &places, &locked, limits);
         let few = distinct(few, &points, |_| 0);
-        let left = match few.is_empty() {
-            true => distinct(alone.triangles.clone(), &points, |_| 0),
-            false => few,
-        };
         let is_closed = alone
             .vertices
             .iter()
             .all(|&v| self.border.of_vertex[v as usize] == 0);
+        // collapsed to nothing, or stuck
+        let is_wrong = few.is_empty() || few.len() > 2 * left;
+        let smallest = match is_wrong && is_closed {
+            true => tetrahedron(&alone.triangles, &points),
+            false => None,
+        };
+        let left = match smallest {
+            Some(four) => four,
+            None if few.is_empty() => distinct(alone.triangles.clone(), &points, |_| 0),
+            None => few,
+        };
         if left.is_empty() && is_closed {
             return self.add_smallest(alone);
         }
@@ -193,6 +237,42 @@ impl Specks<'_> {
             self.triangles.push(triangle);
         }
     }
+}
+
+/// A tetrahedron between those of a closed surface's places that lie furthest apart, oriented as it is; `None` if all lie
+/// in a plane.
+fn tetrahedron(triangles: &[[u32; 3]], points: &[[i32; 3]]) -> Option<Vec<[u32; 3]>> {
+    let place = |v: u32| DVec3::from(points[v as usize].map(f64::from));
+    // the first of several
+    let furthest = |away: &dyn Fn(DVec3) -> f64| {
+        let mut best = (0, 0.0);
+        for v in 0..points.len() as u32 {
+            let distance = away(place(v));
+            if distance > best.1 {
+                best = (v, distance);
+            }
+        }
+        (best.1 > 0.0).then_some(best.0)
+    };
+    let a = (0..points.len() as u32).min_by_key(|&v| points[v as usize])?;
+    let p = place(a);
+    let b = furthest(&|q| q.distance_squared(p))?;
+    let along = place(b) - p;
+    let c = furthest(&|q| along.cross(q - p).length_squared())?;
+    let normal = along.cross(place(c) - p);
+    let d = furthest(&|q| normal.dot(q - p).abs())?;
+    let volume: f64 = triangles
+        .iter()
+        .map(|t| {
+            let [q, r, s] = t.map(|v| place(v) - p);
+            q.dot(r.cross(s))
+        })
+        .sum();
+    let (b, c) = match normal.dot(place(d) - p) * volume < 0.0 {
+        true => (c, b),
+        false => (b, c),
+    };
+    Some(vec![[a, c, b], [a, b, d], [b, c, d], [c, a, d]])
 }
 
 #[cfg(test)]
@@ -279,6 +359,70 @@ mod tests {
         );
         for (point, cluster) in points.iter().zip(&clusters.all) {
             assert_eq!(cluster.kind == Kind::Stays, point[2] == 0, "{point:?}");
+        }
+    }
+
+    #[test]
+    fn a_tetrahedron_stands_for_a_surface_and_faces_as_it_does() {
+        let mut mesh = octahedron([2000, 3000, 4000], 400);
+        for _ in 0..2 {
+            let own = tetrahedron(&mesh.triangles, &mesh.points).unwrap();
+            let (volume, closed) = solid(&mesh.points, &own);
+            assert!(closed && volume * solid(&mesh.points, &mesh.triangles).0 > 0.0);
+            mesh.triangles.iter_mut().for_each(|t| t.swap(0, 1));
+        }
+        assert_eq!(tetrahedron(&mesh.triangles, &mesh.points[..4]), None);
+    }
+
+    #[test]
+    fn the_smallest_are_given_up_first() {
+        let tiling = Tiling {
+            dims: Dims([41; 3]),
+            macrocube: [20; 3],
+        };
+        let planes = Planes::of(tiling, 1, [0; 3]);
+        let mut mesh = Mesh::default();
+        for (i, reach) in [900, 300, 600].into_iter().enumerate() {
+            let other = octahedron([2000, 3000, 4000], reach);
+            let first = mesh.points.len() as u32;
+            mesh.points.extend(other.points);
+            mesh.normals.extend(other.normals);
+            mesh.surface_of.extend([i as u32; 6]);
+            mesh.triangles
+                .extend(other.triangles.iter().map(|t| t.map(|v| v + first)));
+            mesh.surfaces.extend(other.surfaces);
+        }
+        let border = Border::of(&mesh, &planes);
+        for (most, width, left) in [
+            (24, 9999, 24),
+            (23, 9999, 16),
+            (15, 9999, 8),
+            (1, 1300, 8),
+            (1, 700, 16),
+        ] {
+            let mut clusters = Clusters {
+                all: Vec::new(),
+                of_vertex: Vec::new(),
+            };
+            mesh.surface_of
+                .iter()
+                .for_each(|s| clusters.add_one(*s, [0, 0, 1], 0));
+            let (mut points, mut triangles) = (mesh.points.clone(), mesh.triangles.clone());
+            Specks {
+                mesh: &mesh,
+                border: &border,
+                planes: &planes,
+                open_faces: planes.faces,
+                step: 32,
+                clusters: &mut clusters,
+                points: &mut points,
+                triangles: &mut triangles,
+                room: 100,
+            }
+            .give_up(most, width);
+            assert_eq!(triangles.len(), left, "{most} {width}");
+            // the largest stays longest
+            assert!(triangles.iter().any(|t| t[0] < 6));
         }
     }
 
