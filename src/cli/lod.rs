@@ -103,7 +103,7 @@ pub fn summary(report: &LodReport) -> String {
         rows.push((
             name.as_str(),
             format!(
-                "{}, {}, up to {:.2} voxels off",
+                "{}, {}, 99.9 % within {:.2} voxels",
                 output::things(report.triangles_by_level[l], "triangle"),
                 output::things(report.cells_by_level[l], "cell"),
                 report.error_by_level[l]

@@ -4,6 +4,7 @@ use super::border::Border;
 use super::clusters::{Cluster, Clustering, Clusters, Kind, Rules};
 use super::collapse::{Limits, collapse};
 use super::curves::staying;
+use super::distance::{Coarser, nearly_furthest};
 use super::fins::{FinShape, in_a_row};
 use super::folds::Folded;
 use super::gap::{Moved, Segment, moved};
@@ -12,7 +13,7 @@ use super::pinches::Pinched;
 use super::place::{Placed, Placing};
 use super::planes::{OnPlanes, Planes};
 use super::quadric::Plane;
-use super::specks::Specks;
+use super::specks::{LEAST, Specks};
 use super::triangles::{Sums, distinct};
 use crate::grid::LATTICE;
 use crate::strip::{Stripifier, append_strip, connect};
@@ -21,8 +22,11 @@ use crate::tile::node::{NodePart, SurfacePart};
 
 /// Surfaces of fewer triangles in a node stay as they are, as far as there is room.
 const SMALL: usize = 100;
-/// Room for them at least, in triangles.
+/// Their room: a share of the triangles that are wanted, on the first level, where none is to be lost, so many at least.
+const SMALL_SHARE: f64 = 0.65;
 const SMALL_ROOM: usize = 1000;
+/// Surfaces that so many blocks hold are given up first where too many triangles are left.
+const SMALL_BLOCKS: i32 = 2;
 
 /// How far borders may move in their planes, in blocks.
 const CURVE: f64 = 0.2;
@@ -34,11 +38,26 @@ pub struct Recipe {
     pub rules: Rules,
     /// Share of the children's triangles to keep.
     pub ratio: f64,
+    /// Triangles that are not too many in any case, as long as they are half of the children's at most.
+    pub floor: usize,
+    /// Made of tiles.
+    pub is_first: bool,
     /// The widest fins of children, as [`Built::fin_width`].
     pub fin_width: u32,
 }
 
 impl Recipe {
+    /// Triangles to reach of so many.
+    fn target(&self, triangles: usize) -> usize {
+        let share = (triangles as f64 * self.ratio).ceil() as usize;
+        share.max(self.floor.min(triangles / 2))
+    }
+
+    /// Triangles of small surfaces that may be among those to reach.
+    fn room(&self, target: usize) -> usize {
+        (target as f64 * SMALL_SHARE) as usize
+    }
+
     /// Faces of the volume on which surfaces end.
     fn open_faces(&self) -> OnPlanes {
         match self.rules.capped {
@@ -61,7 +80,7 @@ pub struct Built {
     pub strips: u64,
     /// Edges of the border in planes that are no faces of the volume.
     pub border_edges: u64,
-    /// How far surfaces have moved from those of the children, in voxels.
+    /// How far 99.9 % of the children's surfaces lie from its own at most, in voxels.
     pub error: f32,
     /// How far the border has moved in its planes, in lattice steps.
     pub gap: u32,
@@ -79,17 +98,20 @@ pub fn build(
     children.for_each(|parts| joiner.add(parts));
     let mesh = joiner.finish();
     let border = Border::of(&mesh, &recipe.planes);
-    let target = (mesh.triangles.len() as f64 * recipe.ratio).ceil() as usize;
-    let kept = kept(&mesh.surfaces, target);
+    let target = recipe.target(mesh.triangles.len());
+    let kept = kept(&mesh.surfaces, recipe.room(target));
     let coarse = Coarse::of(&mesh, &border, kept, target, recipe);
-    let coarse = match coarse.triangles.is_empty() {
+    let mut coarse = match coarse.triangles.is_empty() {
         false => coarse,
-        // a node without a surface could not stand for its children
         true => {
             let all = vec![true; mesh.surfaces.len()];
             Coarse::of(&mesh, &border, all, mesh.triangles.len(), recipe)
         }
     };
+    // a node without a surface could not stand for its children
+    if coarse.triangles.is_empty() {
+        coarse.specks(&mesh, &border, recipe, 0).stand_in();
+    }
     let inner = !recipe.planes.faces;
     let moved = moved(
         &mesh,
@@ -98,7 +120,16 @@ pub fn build(
         &coarse.placed.points,
         inner,
     );
+    let coarser = Coarser {
+        points: &coarse.placed.points,
+        triangles: &coarse.triangles,
+        surface_of: &|v| coarse.clusters.all[v as usize].surface,
+        width: recipe.rules.block,
+        low: recipe.planes.low,
+    };
     let output = Output {
+        // triangles of tiles are so small that their corners will do
+        error: nearly_furthest(&mesh, &coarser, !recipe.is_first),
         surfaces: &mesh.surfaces,
         coarse: &coarse,
         recipe,
@@ -106,22 +137,30 @@ pub fn build(
     output.finish(moved, stripifier)
 }
 
-/// Which surfaces stay as they are: small ones, the smallest first, in half of the triangles that are wanted.
-fn kept(surfaces: &[Surface], target: usize) -> Vec<bool> {
+/// Which surfaces stay as they are: small ones that need no more than what all of those that are larger can have, too.
+fn kept(surfaces: &[Surface], room: usize) -> Vec<bool> {
     let mut small: Vec<usize> = (0..surfaces.len())
         .filter(|&i| surfaces[i].triangles < SMALL)
         .collect();
     small.sort_by_key(|&i| (surfaces[i].triangles, surfaces[i].key));
-    let mut left = (target / 2).max(SMALL_ROOM);
+    let (mut left, mut others) = (room, small.len());
     let mut kept = vec![false; surfaces.len()];
     for i in small {
-        let Some(rest) = left.checked_sub(surfaces[i].triangles) else {
+        if surfaces[i].triangles > left / others {
             break;
-        };
-        left = rest;
+        }
+        left -= surfaces[i].triangles;
+        others -= 1;
         kept[i] = true;
     }
     kept
+}
+
+/// How many small surfaces do not stay as they are.
+fn others(surfaces: &[Surface], kept: &[bool]) -> usize {
+    let all = surfaces.iter().zip(kept);
+    all.filter(|(s, kept)| s.triangles < SMALL && !**kept)
+        .count()
 }
 
 /// Surfaces of a node with fewer triangles.
@@ -129,7 +168,6 @@ struct Coarse {
     clusters: Clusters,
     placed: Placed,
     triangles: Vec<[u32; 3]>,
-    error: f32,
 }
 
 impl Coarse {
@@ -162,33 +200,49 @@ impl Coarse {
         let places: Vec<[f32; 3]> = placed.points.iter().map(voxels).collect();
         let locked = locked(border, &clusters, recipe);
         // a node that is mostly border cannot get as coarse as others
+        let left = recipe.room(target).saturating_sub(small.len());
+        let specks = left.min(LEAST * others(&mesh.surfaces, &kept));
         let limits = Limits {
-            triangles: target.saturating_sub(small.len()),
+            triangles: target.saturating_sub(small.len() + specks).max(target / 2),
             error: (rules.block / 2) as f32 / LATTICE as f32,
         };
         let collapsed = collapse(rest, &places, &locked, limits);
-        let all = small.into_iter().chain(collapsed.triangles).collect();
+        let all = small.into_iter().chain(collapsed).collect();
         let mut coarse = Coarse {
             triangles: distinct(all, &placed.points, |v| clusters.all[v as usize].surface),
-            error: placed.error + collapsed.error,
             clusters,
             placed,
         };
-        let specks = Specks {
-            mesh,
-            border,
-            planes,
-            open_faces: recipe.open_faces(),
-            step: rules.step,
-            clusters: &mut coarse.clusters,
-            points: &mut coarse.placed.points,
-            triangles: &mut coarse.triangles,
-            room: (target / 2).max(SMALL_ROOM),
-        };
-        specks.bring_back();
+        let room = left.max(if recipe.is_first { SMALL_ROOM } else { 0 });
+        let mut small = coarse.specks(mesh, border, recipe, room);
+        if !recipe.is_first {
+            small.give_up(target, SMALL_BLOCKS * rules.block);
+        }
+        small.bring_back();
         coarse.part_pinches(recipe);
         coarse.smooth_folds(recipe);
         coarse
+    }
+
+    /// What may come back of surfaces that are gone.
+    fn specks<'a>(
+        &'a mut self,
+        mesh: &'a Mesh,
+        border: &'a Border,
+        recipe: &'a Recipe,
+        room: usize,
+    ) -> Specks<'a> {
+        Specks {
+            mesh,
+            border,
+            planes: &recipe.planes,
+            open_faces: recipe.open_faces(),
+            step: recipe.rules.step,
+            clusters: &mut self.clusters,
+            points: &mut self.placed.points,
+            triangles: &mut self.triangles,
+            room,
+        }
     }
 
     /// Turns triangles back that face against their normals.
@@ -223,7 +277,7 @@ impl Coarse {
             let surface = self.clusters.all[added.beside as usize].surface;
             let normal = added.normal.normalize_or_zero() * f64::from(NORMAL);
             self.clusters
-                .add_one(surface, normal.to_array().map(|v| v as i64));
+                .add_one(surface, normal.to_array().map(|v| v as i64), 0);
         }
     }
 }
@@ -294,6 +348,7 @@ fn locked(border: &Border, clusters: &Clusters, recipe: &Recipe) -> Vec<bool> {
 
 /// A node that is being taken apart into its surfaces.
 struct Output<'a> {
+    error: f32,
     surfaces: &'a [Surface],
     coarse: &'a Coarse,
     recipe: &'a Recipe,
@@ -311,7 +366,7 @@ impl Output<'_> {
             fin_triangles: 0,
             strips: 0,
             border_edges: moved.segments.iter().filter(|s| s.from != s.to).count() as u64,
-            error: self.coarse.error,
+            error: self.error,
             gap: moved.gap,
             fin_width,
         };

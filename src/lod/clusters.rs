@@ -2,12 +2,13 @@
 //! surface, so that two sheets of a thin wall stay apart.
 //!
 //! Vertices of the border are joined along the border alone, which the nodes on both sides of a plane have in common.
-//! Those on two planes stay, those of loops that would vanish, and all vertices of surfaces that are kept as they are.
+//! Those on two planes stay, four of each loop that would vanish, and all vertices of surfaces that are kept as they are.
 
 use super::border::{Border, BorderEdge};
 use super::mesh::{Mesh, NORMAL};
 use super::planes::{OnPlanes, axes, axis_of};
-use std::collections::HashMap;
+use std::cmp::Reverse;
+use std::collections::{BTreeMap, HashMap};
 
 /// What blocks count from, so that places a little below 0 are in one as well.
 const BELOW: i32 = 1 << 12;
@@ -38,7 +39,7 @@ impl Rules {
         }
     }
 
-    /// The middle of a cluster's block, in lattice steps.
+    /// The middle of a cluster's block, in lattice steps; of none that stays.
     #[inline]
     pub fn middle(&self, cluster: &Cluster) -> [i32; 3] {
         let width = self.width(cluster.kind);
@@ -89,17 +90,21 @@ pub struct Clusters {
 }
 
 impl Clusters {
-    /// Adds one inside of which no vertex has become a part.
-    pub fn add_one(&mut self, surface: u32, normal: [i64; 3]) {
+    /// Adds one of which no vertex has become a part; of the border, `planes` are those it lies on, where it stays.
+    pub fn add_one(&mut self, surface: u32, normal: [i64; 3], planes: OnPlanes) {
         self.all.push(Cluster {
-            kind: Kind::Inner,
+            kind: if planes == 0 {
+                Kind::Inner
+            } else {
+                Kind::Stays
+            },
             surface,
             block: [0; 3],
             leader: self.all.len() as u32,
             count: 0,
             sum: [0; 3],
             normal,
-            planes: 0,
+            planes,
         });
     }
 }
@@ -154,13 +159,14 @@ impl Clustering<'_> {
     /// The clusters.
     pub fn clusters(&self) -> Clusters {
         let mut sets = Sets::new(self.mesh.points.len());
-        let stays = self.staying();
+        let mut stays = self.staying();
+        let places = self.keep_small_loops(&mut stays, &mut sets);
         self.join_inside(&mut sets);
         self.join_along(&stays, &mut sets);
         if self.rules.capped {
             self.join_twins(&mut sets);
         }
-        self.number(&stays, &mut sets)
+        self.number(&stays, &places, &mut sets)
     }
 
     /// Which vertices stay where they are.
@@ -171,16 +177,36 @@ impl Clustering<'_> {
             let is_kept = self.kept[self.mesh.surface_of[v] as usize];
             axes(bits) > 1 || self.pinned[v] || is_kept && bits & !self.open_faces == 0
         };
-        let mut all: Vec<bool> = (0..of_vertex.len()).map(stays).collect();
-        self.keep_small_loops(&mut all);
-        all
+        (0..of_vertex.len()).map(stays).collect()
     }
 
-    /// Loops of the border that would have fewer than three vertices stay: they would vanish, and with them small cells
-    /// that a plane cuts. A loop is the same for the nodes on both sides of its plane.
-    fn keep_small_loops(&self, stays: &mut [bool]) {
+    /// Loops of the border that would have fewer than three vertices keep some: they would vanish, and with them small
+    /// cells that a plane cuts. The others come to lie at the nearest of those. A loop is the same for the nodes on
+    /// both sides of its plane, and all of it follows from its places. Returns the places of those that moved.
+    fn keep_small_loops(&self, stays: &mut [bool], sets: &mut Sets) -> HashMap<u32, [i32; 3]> {
+        let point = |v: u32| self.mesh.points[v as usize];
+        let mut places = HashMap::new();
+        for mut own in self.small_loops(stays.len()) {
+            own.sort_unstable_by_key(|&v| point(v));
+            let corners = corners(own.iter().map(|&v| point(v)));
+            let mut first: HashMap<[i32; 3], u32> = HashMap::new();
+            for v in own {
+                if std::mem::replace(&mut stays[v as usize], true) {
+                    continue;
+                }
+                let nearest = corners.iter().min_by_key(|c| squared(**c, point(v)));
+                let place = *nearest.unwrap_or(&point(v));
+                sets.join(*first.entry(place).or_insert(v), v);
+                places.insert(v, place);
+            }
+        }
+        places
+    }
+
+    /// The vertices of loops of the border that blocks would leave fewer than three of.
+    fn small_loops(&self, vertices: usize) -> impl Iterator<Item = Vec<u32>> + use<> {
         let ends = |v: u32| axes(self.border.of_vertex[v as usize]) > 1;
-        let [mut loops, mut parts] = [(); 2].map(|()| Sets::new(stays.len()));
+        let [mut loops, mut parts] = [(); 2].map(|()| Sets::new(vertices));
         for edge in &self.border.edges {
             if ends(edge.from) || ends(edge.to) {
                 continue;
@@ -209,13 +235,23 @@ impl Clustering<'_> {
         let few = found
             .chunk_by(|a, b| a.0 == b.0)
             .filter(|parts| parts.len() < 3);
-        let mut is_small = vec![false; stays.len()];
-        few.for_each(|parts| is_small[parts[0].0 as usize] = true);
-        for edge in &self.border.edges {
-            for v in [edge.from, edge.to] {
-                stays[v as usize] |= is_small[loops.find(v) as usize];
+        let mut small: BTreeMap<u32, Vec<u32>> = few.map(|f| (f[0].0, Vec::new())).collect();
+        if !small.is_empty() {
+            let mut all = self
+                .border
+                .edges
+                .iter()
+                .flat_map(|e| [e.from, e.to])
+                .collect::<Vec<_>>();
+            all.sort_unstable();
+            all.dedup();
+            for v in all {
+                if let Some(own) = small.get_mut(&loops.find(v)) {
+                    own.push(v);
+                }
             }
         }
+        small.into_values()
     }
 
     fn is_in_one_block(&self, edge: &BorderEdge) -> bool {
@@ -300,7 +336,7 @@ impl Clustering<'_> {
     }
 
     /// Numbers the sets by their first vertices, one cluster for each surface in a set, and sums up their vertices.
-    fn number(&self, stays: &[bool], sets: &mut Sets) -> Clusters {
+    fn number(&self, stays: &[bool], places: &HashMap<u32, [i32; 3]>, sets: &mut Sets) -> Clusters {
         let Clustering { mesh, rules, .. } = self;
         let mut all: Vec<Cluster> = Vec::with_capacity(mesh.points.len() / 3);
         let mut of_vertex: Vec<u32> = Vec::with_capacity(mesh.points.len());
@@ -308,17 +344,24 @@ impl Clustering<'_> {
         let mut followers: HashMap<(u32, u32), u32> = HashMap::new();
         for v in 0..mesh.points.len() {
             let (point, surface) = (mesh.points[v], mesh.surface_of[v]);
+            let cluster = |leader: u32| {
+                let place = match stays[v] {
+                    true => places.get(&(v as u32)).unwrap_or(&point),
+                    false => &point,
+                };
+                self.cluster(v, *place, stays[v], leader)
+            };
             let root = sets.find(v as u32) as usize;
             let next = all.len() as u32;
             let own = if root == v {
-                all.push(self.cluster(v, stays[v], next));
+                all.push(cluster(next));
                 next
             } else {
                 let leader = of_vertex[root];
                 match all[leader as usize].surface == surface {
                     true => leader,
                     false => *followers.entry((leader, surface)).or_insert_with(|| {
-                        all.push(self.cluster(v, stays[v], leader));
+                        all.push(cluster(leader));
                         next
                     }),
                 }
@@ -326,9 +369,9 @@ impl Clustering<'_> {
             of_vertex.push(own);
             let leader = all[own as usize].leader;
             let sums = &mut all[leader as usize];
-            let middle = rules.middle(sums);
             sums.count += 1;
             if sums.kind != Kind::Stays {
+                let middle = rules.middle(sums);
                 for a in 0..3 {
                     sums.sum[a] += i64::from(point[a] - middle[a]);
                 }
@@ -341,9 +384,9 @@ impl Clustering<'_> {
         Clusters { all, of_vertex }
     }
 
-    /// That of one vertex, with nothing summed up yet.
-    fn cluster(&self, v: usize, stays: bool, leader: u32) -> Cluster {
-        let (point, planes) = (self.mesh.points[v], self.border.of_vertex[v]);
+    /// That of one vertex at a place, with nothing summed up yet.
+    fn cluster(&self, v: usize, point: [i32; 3], stays: bool, leader: u32) -> Cluster {
+        let planes = self.border.of_vertex[v];
         let kind = match planes {
             _ if stays => Kind::Stays,
             0 => Kind::Inner,
@@ -363,6 +406,30 @@ impl Clustering<'_> {
             planes,
         }
     }
+}
+
+/// So many corners of a loop stay.
+const CORNERS: usize = 4;
+
+/// Up to four of some places in rising order: the first, then each the furthest from those before.
+fn corners(places: impl Iterator<Item = [i32; 3]> + Clone) -> Vec<[i32; 3]> {
+    let mut all: Vec<[i32; 3]> = places.clone().take(1).collect();
+    while (1..CORNERS).contains(&all.len()) {
+        let away = |p: &[i32; 3]| all.iter().map(|q| squared(*p, *q)).min();
+        // the first of several
+        let next = places.clone().map(|p| (away(&p), Reverse(p))).max();
+        match next {
+            Some((Some(1..), Reverse(p))) => all.push(p),
+            _ => break,
+        }
+    }
+    all
+}
+
+/// The squared distance of two places.
+fn squared(p: [i32; 3], q: [i32; 3]) -> i64 {
+    let side = |a: usize| i64::from(p[a]) - i64::from(q[a]);
+    (0..3).map(|a| side(a) * side(a)).sum()
 }
 
 /// A block as one number.

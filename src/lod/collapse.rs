@@ -2,14 +2,6 @@
 
 use meshopt::{SimplifyOptions, VertexDataAdapter, simplify_with_locks, typed_to_bytes};
 
-/// What is left of triangles.
-#[derive(Debug)]
-pub struct Collapsed {
-    pub triangles: Vec<[u32; 3]>,
-    /// The error that is estimated, in voxels.
-    pub error: f32,
-}
-
 /// How far edges may be collapsed.
 #[derive(Debug, Clone, Copy)]
 pub struct Limits {
@@ -26,19 +18,14 @@ pub fn collapse(
     places: &[[f32; 3]],
     locked: &[bool],
     limits: Limits,
-) -> Collapsed {
-    let stays = |triangles| Collapsed {
-        triangles,
-        error: 0.0,
-    };
+) -> Vec<[u32; 3]> {
     if triangles.len() <= limits.triangles {
-        return stays(triangles);
+        return triangles;
     }
     let bytes = typed_to_bytes(places);
     let Ok(vertices) = VertexDataAdapter::new(bytes, size_of::<[f32; 3]>(), 0) else {
-        return stays(triangles);
+        return triangles;
     };
-    let mut error = 0.0;
     let left = simplify_with_locks(
         triangles.as_flattened(),
         &vertices,
@@ -46,10 +33,7 @@ pub fn collapse(
         3 * limits.triangles,
         limits.error,
         SimplifyOptions::ErrorAbsolute,
-        Some(&mut error),
+        None,
     );
-    Collapsed {
-        triangles: left.as_chunks::<3>().0.to_vec(),
-        error,
-    }
+    left.as_chunks::<3>().0.to_vec()
 }

@@ -26,7 +26,7 @@ pub struct Segment {
 pub struct Moved {
     /// All segments, also those whose directions cancel.
     pub segments: Vec<Segment>,
-    /// How far the border before lies from them, in lattice steps, rounded up.
+    /// How far the border before lies from them, in lattice steps, rounded up; 0 only if it is the same.
     pub gap: u32,
 }
 
@@ -40,9 +40,13 @@ pub fn moved(
 ) -> Moved {
     let (segments, distances) = moved_edges(mesh, border, clusters, points, inner);
     let gap = distances.into_iter().map(|d| d.1).fold(0.0, f64::max);
+    let stays = |v: u32| mesh.points[v as usize] == points[clusters.of_vertex[v as usize] as usize];
+    let edges = border.edges.iter().filter(|e| e.planes & inner != 0);
+    // edges that became one on a line lie at no distance, and are others all the same
+    let is_same = edges.flat_map(|e| [e.from, e.to]).all(stays);
     Moved {
         segments: segments.into_iter().collect(),
-        gap: gap.ceil() as u32,
+        gap: (gap.ceil() as u32).max(u32::from(!is_same)),
     }
 }
 

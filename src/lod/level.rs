@@ -9,7 +9,7 @@ use crate::error::{Error, Result};
 use crate::grid::{LATTICE, Tiling};
 use crate::manifest::Primitives;
 use crate::manifest::{
-    Bounds, Layer, Manifest, NodeEntry, checksum_text, node_path, node_shard_path,
+    Bounds, Layer, Level, Manifest, NodeEntry, checksum_text, node_path, node_shard_path,
 };
 use crate::progress::Progress;
 use crate::strip::Stripifier;
@@ -30,6 +30,11 @@ const FIRST_BLOCK: f64 = 2.2;
 /// Width of the blocks of the border, in blocks: curves have no eighth of their edges to keep.
 const BORDER_BLOCK: f64 = 1.25;
 
+/// Triangles of a node above the first level that are not too many in any case, as long as all of its level are no
+/// more than this share of those of the tiles.
+const FLOOR: u64 = 1000;
+const FLOOR_SHARE: u64 = 200;
+
 /// How well normals have to agree in blocks, and in those half as wide: the first level is what one looks at from near.
 const AGREE: [f32; 2] = [0.85, 0.7];
 const AGREE_ABOVE: [f32; 2] = [0.75, 0.75];
@@ -48,15 +53,18 @@ pub struct LevelPlan {
     /// Nodes per axis.
     pub grid: [u32; 3],
     pub ratio: f64,
+    /// Triangles that are not too many for a node.
+    pub floor: usize,
 }
 
 impl LevelPlan {
-    /// Of a level of a tile set.
+    /// Of a level of a tile set, `below` being the one before it.
     ///
     /// # Errors
     /// [`Error::Unsupported`] if nodes would reach further than their files can say.
-    pub fn new(manifest: &Manifest, level: u32, ratio: f64) -> Result<Self> {
+    pub fn new(manifest: &Manifest, below: Option<&Level>, ratio: f64) -> Result<Self> {
         let tiling = tiling(manifest);
+        let level = below.map_or(1, |below| below.level + 1);
         let steps = |a: usize| {
             let cubes = u64::from(tiling.macrocube[a]) << level;
             cubes.min(u64::from(tiling.dims.0[a] - 1)) * u64::from(LATTICE)
@@ -78,10 +86,18 @@ impl LevelPlan {
                 format!("--levels {level} makes those below it"),
             ));
         };
-        let mut block = FIRST_BLOCK * f64::from(LATTICE) * (0.125 / ratio).sqrt();
-        for _ in 1..level {
-            block *= (1.0 / ratio).sqrt();
-        }
+        let grid = tiling.tiles().map(|n| n.div_ceil(1 << level));
+        let nodes = grid.into_iter().map(u64::from).product::<u64>().max(1);
+        let (floor, block) = match below {
+            None => (0, FIRST_BLOCK * f64::from(LATTICE) * (0.125 / ratio).sqrt()),
+            Some(below) => {
+                let floor = FLOOR.min(manifest.totals.triangles / FLOOR_SHARE / nodes);
+                // where few triangles are left a level need not be as much coarser
+                let share = (floor * nodes) as f64 / below.triangles.max(1) as f64;
+                let share = share.clamp(ratio, 0.5);
+                (floor as usize, f64::from(below.block) / share.sqrt())
+            }
+        };
         let block = 2 * (block.min(f64::from(1 << 24)) / 2.0).round() as i32;
         // finer than that is bytes for nothing
         let rough = (block as u32 / BLOCK_STEPS).max(1).ilog2();
@@ -96,8 +112,9 @@ impl LevelPlan {
                 capped: manifest.cap,
             },
             shift,
-            grid: tiling.tiles().map(|n| n.div_ceil(1 << level)),
+            grid,
             ratio,
+            floor,
         })
     }
 
@@ -210,6 +227,8 @@ impl Maker<'_> {
             planes: Planes::of(tiling(self.manifest), self.plan.level, place),
             rules: self.plan.rules,
             ratio: self.plan.ratio,
+            floor: self.plan.floor,
+            is_first: self.plan.level == 1,
             fin_width: (highest(|c| c.fin_width) * f64::from(LATTICE)) as u32,
         };
         let mut failed = None;

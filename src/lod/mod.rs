@@ -9,7 +9,7 @@
 //! 3. `triangles` sums up what is left, `collapse` takes edges away until the ratio is reached. `specks` brings back what
 //!    is smaller than a block, `pinches` takes edges apart where a surface touches itself, `folds` turns triangles back
 //!    that face against their normals.
-//! 4. `gap` bounds how far the border has moved in its planes, `fins` cover that much on both sides of it, so that
+//! 4. `distance` measures how far surfaces have moved, `gap` bounds how far the border has moved in its planes, `fins` cover that much on both sides of it, so that
 //!    nothing is seen through between nodes of different levels.
 //!
 //! `build` does these in order. `run` makes level after level, layer by layer, each node once its children are
@@ -26,6 +26,7 @@ mod build;
 mod clusters;
 mod collapse;
 mod curves;
+mod distance;
 mod entry;
 mod fins;
 mod folds;

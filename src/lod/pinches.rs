@@ -8,8 +8,8 @@ use std::collections::HashSet;
 
 /// How often edges are looked at: those of triangles that have been changed wait for the next time.
 const ROUNDS: u32 = 4;
-/// How far new vertices lie from the edge in steps, so that rounding leaves them off it.
-const AWAY: f64 = 1.5;
+/// How far new vertices lie from the edge in steps, so that rounding leaves them off it; further where a corner lies.
+const AWAY: [f64; 4] = [1.5, 2.5, 4.0, 0.75];
 
 /// Triangles whose edges are to be taken apart.
 pub struct Pinched<'a> {
@@ -177,15 +177,31 @@ impl Pinched<'_> {
         self.points[v as usize].map(f64::from).into()
     }
 
-    /// Gives a pair of triangles a vertex beside the middle of their edge, on the side of the two.
-    fn split(&mut self, ends: [u32; 2], pair: [u32; 2], added: &mut Vec<Added>) {
+    /// Where a vertex of its own lies for a pair of triangles: beside the middle of their edge, on the side of the two.
+    /// Where planes leave it no room but at one of their corners there is none.
+    fn beside(&self, ends: [u32; 2], pair: [u32; 2]) -> Option<[i32; 3]> {
         let [a, b] = ends.map(|v| self.place(v));
         let out = pair.map(|t| self.away(ends, t));
-        let out = (out[0] + out[1]).normalize_or(out[0]) * AWAY * f64::from(self.step);
-        let wanted = ((a + b) / 2.0 + out).to_array();
+        let out = (out[0] + out[1]).normalize_or(out[0]) * f64::from(self.step);
+        let corners = pair.map(|t| self.triangles[t as usize]);
+        let is_corner = |p: &[i32; 3]| {
+            let mut all = corners.as_flattened().iter();
+            all.any(|&v| self.points[v as usize] == *p)
+        };
+        let mut places = AWAY.into_iter().map(|away| {
+            let wanted = ((a + b) / 2.0 + out * away).to_array();
+            std::array::from_fn(|axis| self.planes.between(axis, wanted[axis], self.step))
+        });
+        places.find(|p| !is_corner(p))
+    }
+
+    /// Gives a pair of triangles a vertex of their own, if there is a place for it.
+    fn split(&mut self, ends: [u32; 2], pair: [u32; 2], added: &mut Vec<Added>) {
+        let Some(place) = self.beside(ends, pair) else {
+            return;
+        };
         let new = self.points.len() as u32;
-        let at = |axis: usize| self.planes.between(axis, wanted[axis], self.step);
-        self.points.push(std::array::from_fn(at));
+        self.points.push(place);
         let normals = pair.map(|t| {
             let [p, q, r] = self.triangles[t as usize].map(|v| self.place(v));
             (q - p).cross(r - p)
@@ -326,6 +342,21 @@ mod tests {
     }
 
     proptest! {
+        /// Where vertices lie close together and at planes, too, new ones lie at no corner of their triangles.
+        #[test]
+        fn no_triangle_loses_a_corner(
+            triangles in prop::collection::vec((0..9u32, 0..9u32, 0..9u32), 0..40),
+            points in prop::collection::btree_set([0..4, 0..4, 0..4i32], 9),
+        ) {
+            let proper = triangles.iter().map(|&(a, b, c)| [a, b, c]);
+            let proper: Vec<_> = proper.filter(|[a, b, c]| a != b && b != c && a != c).collect();
+            let points: Vec<_> = points.into_iter().map(|p| p.map(|v| 4 * v)).collect();
+            let (points, parted) = parted(&points, &proper);
+            for [a, b, c] in parted.into_iter().map(|t| t.map(|v| points[v as usize])) {
+                prop_assert!(a != b && b != c && a != c, "{:?} {:?} {:?}", a, b, c);
+            }
+        }
+
         /// What is open stays as open as it is, and of edges few are left with more than one mate.
         #[test]
         fn open_edges_stay(triangles in prop::collection::vec((0..9u32, 0..9u32, 0..9u32), 0..40)) {

@@ -14,8 +14,6 @@ use std::collections::HashMap;
 pub struct Placed {
     /// In lattice steps.
     pub points: Vec<[i32; 3]>,
-    /// The largest distance of one to the planes of the triangles around, as a root of mean squares, in voxels.
-    pub error: f32,
 }
 
 /// Lattice steps to voxels.
@@ -55,7 +53,6 @@ impl Placing<'_> {
         let clusters = &self.clusters.all;
         let mut placed = Placed {
             points: Vec::with_capacity(clusters.len()),
-            error: 0.0,
         };
         for (i, own) in clusters.iter().enumerate() {
             let leader = own.leader as usize;
@@ -66,11 +63,7 @@ impl Placing<'_> {
                     let quadric = lines.get(&own.leader).copied().unwrap_or_default();
                     self.on_border(own, axis, &quadric)
                 }
-                Kind::Inner => {
-                    let (point, error) = self.inside(own, &quadrics[i]);
-                    placed.error = placed.error.max(error);
-                    point
-                }
+                Kind::Inner => self.inside(own, &quadrics[i]),
             };
             placed.points.push(point);
         }
@@ -94,9 +87,7 @@ impl Placing<'_> {
         for i in folded.into_iter().map(|c| c as usize) {
             if clusters[i].kind == Kind::Inner && quadrics[i].wanted {
                 let mean = self.mean(&clusters[i]).map(|v| v as f32 * VOXEL);
-                let (point, error) = self.inside_at(&quadrics[i], mean);
-                placed.points[i] = point;
-                placed.error = placed.error.max(error);
+                placed.points[i] = self.inside_at(&quadrics[i], mean);
             }
         }
     }
@@ -106,30 +97,28 @@ impl Placing<'_> {
         own.sum.map(|s| s as f64 / own.count as f64)
     }
 
-    /// The place of a cluster inside, and its distance to the planes of its triangles.
-    fn inside(&self, own: &Cluster, quadric: &Quadric) -> ([i32; 3], f32) {
+    /// The place of a cluster inside.
+    fn inside(&self, own: &Cluster, quadric: &Quadric) -> [i32; 3] {
         let step = self.rules.step;
         let mean = self.mean(own);
         if !quadric.wanted {
             let middle = self.rules.middle(own);
             let at = |a: usize| ((f64::from(middle[a]) + mean[a]) / f64::from(step)).round() as i32;
-            return (std::array::from_fn(|a| at(a) * step), 0.0);
+            return std::array::from_fn(|a| at(a) * step);
         }
         let half = (self.rules.block / 2) as f32 * VOXEL;
         let best = quadric.smallest(mean.map(|m| m as f32 * VOXEL));
         self.inside_at(quadric, best.map(|v| v.clamp(-half, half)))
     }
 
-    /// The place next to `best`, in voxels from the quadric's centre, and its distance to the planes.
-    fn inside_at(&self, quadric: &Quadric, best: [f32; 3]) -> ([i32; 3], f32) {
+    /// The place next to `best`, in voxels from the quadric's centre.
+    fn inside_at(&self, quadric: &Quadric, best: [f32; 3]) -> [i32; 3] {
         let planes = self.planes;
         let at = |a: usize| {
             let steps = f64::from(best[a] + quadric.centre[a]) * f64::from(LATTICE);
             planes.between(a, steps + f64::from(planes.low[a]), self.rules.step)
         };
-        let point: [i32; 3] = std::array::from_fn(at);
-        let local = |a: usize| (point[a] - planes.low[a]) as f32 * VOXEL - quadric.centre[a];
-        (point, quadric.distance(std::array::from_fn(local)))
+        std::array::from_fn(at)
     }
 
     /// The quadrics of clusters on the border, by leaders.

@@ -14,8 +14,6 @@ pub struct Quadric {
     /// xx, xy, xz, yy, yz, zz.
     a: [f32; 6],
     b: [f32; 3],
-    c: f32,
-    weight: f32,
     pub centre: [f32; 3],
     /// Whether triangles are to be added at all.
     pub wanted: bool,
@@ -66,8 +64,6 @@ impl Quadric {
         for i in 0..3 {
             self.b[i] += n[i] * d;
         }
-        self.c += d * d;
-        self.weight += plane.products[0] + plane.products[3] + plane.products[5];
     }
 
     /// The place where the sum is smallest, relative to the centre, pulled to `mean`; the mean if there is no plane.
@@ -103,17 +99,6 @@ impl Quadric {
             a[1] * x[0] + a[3] * x[1] + a[4] * x[2],
             a[2] * x[0] + a[4] * x[1] + a[5] * x[2],
         ]
-    }
-
-    /// The root of the mean squared distance of a place, relative to the centre, to the planes.
-    pub fn distance(&self, x: [f32; 3]) -> f32 {
-        let ax = self.apply(x);
-        let dot = |u: [f32; 3]| u[0] * x[0] + u[1] * x[1] + u[2] * x[2];
-        let sum = dot(ax) - 2.0 * dot(self.b) + self.c;
-        match self.weight > 0.0 {
-            true => (sum.max(0.0) / self.weight).sqrt(),
-            false => 0.0,
-        }
     }
 }
 
@@ -179,8 +164,6 @@ mod tests {
         for i in 0..3 {
             assert!((found[i] + 1.0 - corner[i]).abs() < 0.01, "{found:?}");
         }
-        let exact = corner.map(|c| c - 1.0);
-        assert!(quadric.distance(exact) < 1e-3 && quadric.distance(mean) > 0.05);
         // a plane leaves two ways open
         let mut flat = Quadric::around([0.0; 3], true);
         flat.add(&Plane::new([0.0, 0.0, 1.0], [5.0, 5.0, 0.5]));

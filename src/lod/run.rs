@@ -40,7 +40,8 @@ pub struct LodReport {
     pub triangles_by_level: Vec<u64>,
     /// Bytes of files that were written, tiles not counted.
     pub bytes_written: u64,
-    /// How far surfaces lie from those of the tiles at most, in voxels, as it is estimated.
+    /// How far surfaces of the tiles lie from those of a level, in voxels: the largest of its nodes, see
+    /// [`NodeEntry::error`].
     pub error_by_level: Vec<f64>,
     /// Edges of borders that nodes share, counted in each; of the tiles not known.
     pub border_edges_by_level: Vec<Option<u64>>,
@@ -170,15 +171,17 @@ impl Run<'_> {
         };
         let mut before = self.manifest.totals.triangles;
         loop {
-            let number = all.levels.len() as u32 + 1;
-            let plan = LevelPlan::new(self.manifest, number, self.options.ratio)?;
+            let plan = LevelPlan::new(self.manifest, all.levels.last(), self.options.ratio)?;
             let level = self.level(&plan, all.levels.last())?;
             let is_root = plan.grid == [1; 3];
             let fewer = level.triangles < before;
             let small = level.triangles <= ROOT || !fewer;
             before = level.triangles;
             all.levels.push(level);
-            let most = self.options.levels.is_some_and(|most| number + 1 >= most);
+            let most = self
+                .options
+                .levels
+                .is_some_and(|most| plan.level + 1 >= most);
             if most || is_root && small {
                 return Ok(all);
             }

@@ -11,7 +11,7 @@ use glam::DVec3;
 
 /// So many triangles are left of one at most; a tetrahedron at least.
 const MOST: usize = 6;
-const LEAST: usize = 4;
+pub const LEAST: usize = 4;
 
 /// What a node has of its surfaces, and what it is made of.
 pub struct Specks<'a> {
@@ -38,6 +38,44 @@ struct Alone {
 }
 
 impl Specks<'_> {
+    /// Gives up surfaces so that no more than so many triangles are left, if those that fit into a box this wide will do:
+    /// the smallest first, apart from those that other nodes continue. Edges of surfaces that are full of holes cannot
+    /// be collapsed as far as is wanted.
+    pub fn give_up(&mut self, most: usize, width: i32) {
+        let surface = |t: &[u32; 3]| self.clusters.all[t[0] as usize].surface as usize;
+        let mut counts = vec![0; self.mesh.surfaces.len()];
+        self.triangles.iter().for_each(|t| counts[surface(t)] += 1);
+        let mut left = self.triangles.len();
+        if left <= most {
+            return;
+        }
+        let is_small = |i: usize| counts[i] > MOST && !self.mesh.surfaces[i].key.is_cap;
+        let wanted: Vec<bool> = (0..counts.len()).map(is_small).collect();
+        let widest = i64::from(width) * i64::from(width);
+        let alone = self.alone(&wanted).into_iter().enumerate();
+        let own = alone.filter(|(_, s)| !s.vertices.is_empty() && !self.is_shared(s));
+        let mut small: Vec<(i64, usize)> = own.map(|(i, s)| (self.extent(&s), i)).collect();
+        small.retain(|(extent, _)| *extent < widest);
+        small.sort_unstable();
+        let mut is_gone = vec![false; counts.len()];
+        for (_, i) in small {
+            if left <= most {
+                break;
+            }
+            is_gone[i] = true;
+            left -= counts[i] - LEAST;
+        }
+        let all = &self.clusters.all;
+        self.triangles
+            .retain(|t| !is_gone[all[t[0] as usize].surface as usize]);
+    }
+
+    /// True for a surface that other nodes continue.
+    fn is_shared(&self, alone: &Alone) -> bool {
+        let is_shared = |v: &u32| self.border.of_vertex[*v as usize] & !self.open_faces != 0;
+        alone.vertices.iter().any(is_shared)
+    }
+
     /// Brings surfaces back of which no triangle is left, as far as there is room, apart from those that other nodes
     /// continue.
     pub fn bring_back(mut self) {
@@ -47,15 +85,30 @@ impl Specks<'_> {
         }
         if is_gone.contains(&true) {
             let mut gone = self.alone(&is_gone);
-            // those that have most to show, if there is no room for all
-            gone.sort_by_key(|surface| std::cmp::Reverse(surface.triangles.len()));
+            gone.retain(|s| !s.vertices.is_empty() && !self.is_shared(s));
+            // the largest, if there is no room for all
+            gone.sort_by_cached_key(|surface| std::cmp::Reverse(self.extent(surface)));
             let left = (self.room / gone.len().max(1)).clamp(LEAST, MOST);
             gone.truncate(self.room / left);
             gone.iter().for_each(|surface| self.add(surface, left));
         }
     }
 
-    /// The surfaces that are gone, in their order.
+    /// Adds the smallest piece of the surface that has most triangles, for a node of which else nothing is left.
+    pub fn stand_in(mut self) {
+        let surfaces = self.mesh.surfaces.iter().enumerate();
+        let most =
+            surfaces.max_by_key(|(i, s)| (!s.key.is_cap, s.triangles, std::cmp::Reverse(*i)));
+        let wanted: Vec<bool> = (0..self.mesh.surfaces.len())
+            .map(|i| most.is_some_and(|(first, _)| first == i))
+            .collect();
+        let all = self.alone(&wanted);
+        if let Some(own) = all.iter().find(|s| !s.vertices.is_empty()) {
+            self.add_smallest(own);
+        }
+    }
+
+    /// The surfaces that are gone, in their order; the others without a vertex.
     fn alone(&self, is_gone: &[bool]) -> Vec<Alone> {
         let mut all: Vec<Alone> = is_gone.iter().map(|_| Alone::default()).collect();
         let mut numbers = vec![u32::MAX; self.mesh.points.len()];
@@ -74,17 +127,24 @@ impl Specks<'_> {
                 own.triangles.push(triangle);
             }
         }
-        let is_shared = |v: &u32| self.border.of_vertex[*v as usize] & !self.open_faces != 0;
-        all.retain(|s| !s.vertices.is_empty() && !s.vertices.iter().any(is_shared));
         all
     }
 
-    /// Adds a tetrahedron one step wide for a closed surface that is smaller than that.
+    /// The squared diagonal of the box of a surface, in lattice steps.
+    fn extent(&self, alone: &Alone) -> i64 {
+        let side = |a: usize| {
+            let all = || {
+                let vertices = alone.vertices.iter();
+                vertices.map(|&v| i64::from(self.mesh.points[v as usize][a]))
+            };
+            all().max().unwrap_or(0) - all().min().unwrap_or(0)
+        };
+        (0..3).map(|a| side(a) * side(a)).sum()
+    }
+
+    /// Adds a tetrahedron one step wide for a surface that is smaller than that.
     fn add_smallest(&mut self, alone: &Alone) {
-        let Planes { low, high, .. } = self.planes;
-        if (0..3).any(|a| high[a] - low[a] < 4 * self.step) {
-            return;
-        }
+        let Planes { low, high, .. } = *self.planes;
         let count = alone.vertices.len() as f64;
         let place = |v: &u32| DVec3::from(self.mesh.points[*v as usize].map(f64::from));
         let middle = alone.vertices.iter().map(place).sum::<DVec3>() / count;
@@ -93,10 +153,15 @@ impl Specks<'_> {
             let [p, q, r] = t.map(|v| place(&alone.vertices[v as usize]) - middle);
             volume += p.dot(q.cross(r));
         }
-        // all four corners lie strictly between the planes
+        // all four corners lie strictly between the planes if there is room; else they have to match nothing there, either
         let corner = |a: usize| {
-            let most = f64::from(self.planes.high[a] - 2 * self.step);
-            self.planes.between(a, middle[a].min(most), self.step)
+            let inner = if high[a] - low[a] >= 3 * self.step {
+                self.step
+            } else {
+                0
+            };
+            let steps = (middle[a] / f64::from(self.step)).round() as i32;
+            (steps * self.step).clamp(low[a] + inner, high[a] - inner - self.step)
         };
         let base: [i32; 3] = std::array::from_fn(corner);
         let first = self.points.len() as u32;
@@ -111,7 +176,7 @@ impl Specks<'_> {
                 normal[k - 1] = way;
             }
             self.points.push(point);
-            self.clusters.add_one(surface, normal);
+            self.clusters.add_one(surface, normal, 0);
         }
         for [a, b, c] in [[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]] {
             let corners = if way > 0 { [a, b, c] } else { [a, c, b] };
@@ -135,15 +200,22 @@ impl Specks<'_> {
             error: f32::MAX,
         };
         let few = collapse(alone.triangles.clone(), &places, &locked, limits);
-        let few = distinct(few.triangles, &points, |_| 0);
-        let left = match few.is_empty() {
-            true => distinct(alone.triangles.clone(), &points, |_| 0),
-            false => few,
-        };
+        let few = distinct(few, &points, |_| 0);
         let is_closed = alone
             .vertices
             .iter()
             .all(|&v| self.border.of_vertex[v as usize] == 0);
+        // collapsed to nothing, or stuck
+        let is_wrong = few.is_empty() || few.len() > 2 * left;
+        let smallest = match is_wrong && is_closed {
+            true => tetrahedron(&alone.triangles, &points),
+            false => None,
+        };
+        let left = match smallest {
+            Some(four) => four,
+            None if few.is_empty() => distinct(alone.triangles.clone(), &points, |_| 0),
+            None => few,
+        };
         if left.is_empty() && is_closed {
             return self.add_smallest(alone);
         }
@@ -156,7 +228,9 @@ impl Specks<'_> {
                     self.points.push(points[v as usize]);
                     let own = alone.vertices[v as usize] as usize;
                     let normal = self.mesh.normals[own].map(i64::from);
-                    self.clusters.add_one(self.mesh.surface_of[own], normal);
+                    let planes = self.border.of_vertex[own];
+                    self.clusters
+                        .add_one(self.mesh.surface_of[own], normal, planes);
                 }
                 *number
             });
@@ -165,10 +239,47 @@ impl Specks<'_> {
     }
 }
 
+/// A tetrahedron between those of a closed surface's places that lie furthest apart, oriented as it is; `None` if all lie
+/// in a plane.
+fn tetrahedron(triangles: &[[u32; 3]], points: &[[i32; 3]]) -> Option<Vec<[u32; 3]>> {
+    let place = |v: u32| DVec3::from(points[v as usize].map(f64::from));
+    // the first of several
+    let furthest = |away: &dyn Fn(DVec3) -> f64| {
+        let mut best = (0, 0.0);
+        for v in 0..points.len() as u32 {
+            let distance = away(place(v));
+            if distance > best.1 {
+                best = (v, distance);
+            }
+        }
+        (best.1 > 0.0).then_some(best.0)
+    };
+    let a = (0..points.len() as u32).min_by_key(|&v| points[v as usize])?;
+    let p = place(a);
+    let b = furthest(&|q| q.distance_squared(p))?;
+    let along = place(b) - p;
+    let c = furthest(&|q| along.cross(q - p).length_squared())?;
+    let normal = along.cross(place(c) - p);
+    let d = furthest(&|q| normal.dot(q - p).abs())?;
+    let volume: f64 = triangles
+        .iter()
+        .map(|t| {
+            let [q, r, s] = t.map(|v| place(v) - p);
+            q.dot(r.cross(s))
+        })
+        .sum();
+    let (b, c) = match normal.dot(place(d) - p) * volume < 0.0 {
+        true => (c, b),
+        false => (b, c),
+    };
+    Some(vec![[a, c, b], [a, b, d], [b, c, d], [c, a, d]])
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::grid::{Dims, Tiling};
+    use crate::lod::clusters::Kind;
     use crate::lod::mesh::{Surface, SurfaceKey};
     use crate::tile::Extras;
 
@@ -211,6 +322,109 @@ mod tests {
             volume.sum(),
             edges().all(|(a, b)| edges().any(|e| e == (b, a))),
         )
+    }
+
+    /// Half of an octahedron, whose rim lies on a face of the volume: what comes back of it is known to lie there, so
+    /// that it is not moved off it.
+    #[test]
+    fn what_lies_on_a_face_stays_on_it() {
+        let tiling = Tiling {
+            dims: Dims([41; 3]),
+            macrocube: [20; 3],
+        };
+        let planes = Planes::of(tiling, 1, [0; 3]);
+        let mut mesh = octahedron([2000, 3000, 0], 400);
+        mesh.triangles.retain(|t| !t.contains(&5));
+        let border = Border::of(&mesh, &planes);
+        let mut clusters = Clusters {
+            all: Vec::new(),
+            of_vertex: Vec::new(),
+        };
+        let (mut points, mut triangles) = (Vec::new(), Vec::new());
+        Specks {
+            mesh: &mesh,
+            border: &border,
+            planes: &planes,
+            open_faces: planes.faces,
+            step: 32,
+            clusters: &mut clusters,
+            points: &mut points,
+            triangles: &mut triangles,
+            room: 100,
+        }
+        .bring_back();
+        assert!(
+            points.iter().filter(|p| p[2] == 0).count() > 2,
+            "{points:?}"
+        );
+        for (point, cluster) in points.iter().zip(&clusters.all) {
+            assert_eq!(cluster.kind == Kind::Stays, point[2] == 0, "{point:?}");
+        }
+    }
+
+    #[test]
+    fn a_tetrahedron_stands_for_a_surface_and_faces_as_it_does() {
+        let mut mesh = octahedron([2000, 3000, 4000], 400);
+        for _ in 0..2 {
+            let own = tetrahedron(&mesh.triangles, &mesh.points).unwrap();
+            let (volume, closed) = solid(&mesh.points, &own);
+            assert!(closed && volume * solid(&mesh.points, &mesh.triangles).0 > 0.0);
+            mesh.triangles.iter_mut().for_each(|t| t.swap(0, 1));
+        }
+        assert_eq!(tetrahedron(&mesh.triangles, &mesh.points[..4]), None);
+    }
+
+    #[test]
+    fn the_smallest_are_given_up_first() {
+        let tiling = Tiling {
+            dims: Dims([41; 3]),
+            macrocube: [20; 3],
+        };
+        let planes = Planes::of(tiling, 1, [0; 3]);
+        let mut mesh = Mesh::default();
+        for (i, reach) in [900, 300, 600].into_iter().enumerate() {
+            let other = octahedron([2000, 3000, 4000], reach);
+            let first = mesh.points.len() as u32;
+            mesh.points.extend(other.points);
+            mesh.normals.extend(other.normals);
+            mesh.surface_of.extend([i as u32; 6]);
+            mesh.triangles
+                .extend(other.triangles.iter().map(|t| t.map(|v| v + first)));
+            mesh.surfaces.extend(other.surfaces);
+        }
+        let border = Border::of(&mesh, &planes);
+        for (most, width, left) in [
+            (24, 9999, 24),
+            (23, 9999, 16),
+            (17, 9999, 8),
+            (1, 2200, 8),
+            (1, 1300, 16),
+            (1, 700, 24),
+        ] {
+            let mut clusters = Clusters {
+                all: Vec::new(),
+                of_vertex: Vec::new(),
+            };
+            mesh.surface_of
+                .iter()
+                .for_each(|s| clusters.add_one(*s, [0, 0, 1], 0));
+            let (mut points, mut triangles) = (mesh.points.clone(), mesh.triangles.clone());
+            Specks {
+                mesh: &mesh,
+                border: &border,
+                planes: &planes,
+                open_faces: planes.faces,
+                step: 32,
+                clusters: &mut clusters,
+                points: &mut points,
+                triangles: &mut triangles,
+                room: 100,
+            }
+            .give_up(most, width);
+            assert_eq!(triangles.len(), left, "{most} {width}");
+            // the largest stays longest
+            assert!(triangles.iter().any(|t| t[0] < 6));
+        }
     }
 
     #[test]

@@ -177,6 +177,9 @@ impl<'a> Checker<'a> {
             );
             wrong(message, issues);
         }
+        if found[0] == 0 {
+            wrong("found no triangle of a surface".to_owned(), issues);
+        }
         if let Some(p) = all().find(|p| p.ids.triangles != p.triangles.len() as u64) {
             let message = format!("a row of surface {} states other triangles", p.ids.surface);
             wrong(message, issues);
