@@ -342,7 +342,7 @@ mod tests {
                     for j in 0..=N - i {
                         let w = [i, j, N - i - j].map(|v| v as f64 / N as f64);
                         let at = |a: usize| (0..3).map(|k| w[k] * corners[k][a]).sum::<f64>();
-                        let d = (0..3).map(|a| (at(a) - f64::from(p[a])).powi(2)).sum();
+                        let d = (0..3).map(|a| at(a) - f64::from(p[a])).map(|d| d * d).sum();
                         least = f64::min(least, d);
                     }
                 }
@@ -431,7 +431,7 @@ mod tests {
             low: [0; 3],
         };
         assert_eq!(nearly_furthest(&finer, &coarser, false), 0.0);
-        let expected = (2.0 * (10.0 / 3.0f32).powi(2)).sqrt();
+        let expected = (2.0 * (10.0 / 3.0f32) * (10.0 / 3.0)).sqrt();
         assert!((nearly_furthest(&finer, &coarser, true) - expected).abs() < 1e-4);
     }
 }

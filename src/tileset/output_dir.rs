@@ -513,7 +513,9 @@ mod tests {
         let dir = tempfile::tempdir().unwrap();
         let out = dir.path().join("out");
         let mut first = Output::create(&out, false).unwrap();
-        fs::write(first.work().join("index.json"), "first").unwrap();
+        for name in ["index.json", "cells.csv", "objects.csv", "surfaces.csv"] {
+            fs::write(first.work().join(name), "first").unwrap();
+        }
         let second = std::thread::spawn({
             let out = out.clone();
             move || Output::create(&out, false).map(drop)
