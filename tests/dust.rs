@@ -137,3 +137,25 @@ proptest! {
         prop_assert_eq!(filtered.totals, reference.totals);
     }
 }
+
+/// Voxels that are no number are below the threshold, but no longer where they are left out.
+#[test]
+fn voxels_that_are_no_number_may_be_left_out() {
+    let dims = Dims([6, 5, 7]);
+    let mut samples = vec![200.0f32; 210];
+    for (i, sample) in samples.iter_mut().enumerate().step_by(11) {
+        *sample = if i % 2 == 0 { f32::NAN } else { 10.0 };
+    }
+    let volume = MemoryVolume::new(dims, Placement::default(), samples).unwrap();
+    let dir = tempfile::tempdir().unwrap();
+    let options = ConvertOptions {
+        threshold: 128.0,
+        macrocube: [4; 3],
+        min_voxels: 100,
+        ..Default::default()
+    };
+    let made = convert(&volume, &options, dir.path(), &Quiet).unwrap();
+    assert_eq!((made.totals.voxels_nan, made.totals.cells), (10, 0));
+    let report = verify(dir.path(), &VerifyOptions::default(), &Quiet).unwrap();
+    assert!(report.ok, "{:?}", report.issues);
+}

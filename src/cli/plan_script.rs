@@ -2,6 +2,7 @@
 
 use super::output;
 use clap::ValueEnum;
+use serde_json::json;
 use std::path::Path;
 
 /// An engine that runs many jobs.
@@ -129,7 +130,12 @@ spec:
       volumes: [{{name: data, persistentVolumeClaim: {{claimName: DATA_CLAIM}}}}]
 END
   until kubectl get job/$name -o jsonpath='{{.status.conditions[*].type}}' | grep -Eq 'Complete|Failed'; do sleep 5; done"#,
-            job = job.replace('$', r"\$")
+            // quoted once for YAML, and once for the document in the shell
+            job = job
+                .replace('\'', "''")
+                .replace('\\', r"\\")
+                .replace('`', r"\`")
+                .replace('$', r"\$")
         );
         looped(&self.merge(), &submit)
     }
@@ -141,7 +147,7 @@ END
         let job = self.job("$AWS_BATCH_JOB_ARRAY_INDEX");
         let command =
             format!("[ $AWS_BATCH_JOB_ARRAY_INDEX -ge {parts} ] || {job} || [ $? -eq 75 ]");
-        let overrides = format!(r#"{{"command":["sh","-c","{command}"]}}"#);
+        let overrides = json!({"command": ["sh", "-c", command]}).to_string();
         let submit = format!(
             "  # a queue, and a definition of jobs with alvis and the file system that holds the plan\n  \
              id=$(aws batch submit-job --job-name alvis --job-queue ALVIS_QUEUE --job-definition ALVIS_JOB \
@@ -156,7 +162,14 @@ END
     }
 
     fn nextflow(&self) -> String {
-        let (mib, job, threads) = (self.mib_of_job(), self.job("$k"), self.threads);
+        let (mib, threads) = (self.mib_of_job(), self.threads);
+        // all but the number of the part is text for Groovy
+        let job = self.job("PART").replace('\\', r"\\");
+        let job = job.replace('"', "\\\"").replace('$', r"\$");
+        let job = match job.rsplit_once("PART") {
+            Some((before, after)) => format!("{before}$k{after}"),
+            None => job,
+        };
         let submit = format!(
             r#"  cat > alvis-parts.nf <<'END'
 params.todo = ''
@@ -213,6 +226,49 @@ mod tests {
             std::io::Write::write_all(&mut input, text.as_bytes()).unwrap();
             drop(input);
             assert!(shell.wait().unwrap().success(), "{engine:?}: {text}");
+        }
+    }
+
+    /// What a script hands to its engine, whose commands `stubs` are; the loop goes once.
+    fn handed_on(engine: Engine, stubs: &str) -> String {
+        let dir = tempfile::tempdir().unwrap();
+        let alvis = "alvis() { [ -e done ] && return 0; touch done; echo 0-2; return 3; }";
+        let text = format!("sleep() {{ :; }}\n{alvis}\n{stubs}\n{}", script(engine));
+        let shell = Command::new("sh").arg("-c").arg(text);
+        let ended = shell.current_dir(dir.path()).status().unwrap();
+        assert!(ended.success());
+        std::fs::read_to_string(dir.path().join("handed")).unwrap()
+    }
+
+    /// The words of the command of a part, as its shell runs it.
+    fn words(command: &str) -> Vec<String> {
+        let text = format!("alvis() {{ printf '%s\\n' \"$@\"; }}\n{command}");
+        let ran = Command::new("sh").arg("-c").arg(text).output().unwrap();
+        let said = String::from_utf8(ran.stdout).unwrap();
+        said.lines().map(str::to_owned).collect()
+    }
+
+    #[test]
+    fn names_of_directories_come_through_all_quotes() {
+        let yaml = handed_on(
+            Engine::K8s,
+            "kubectl() { if [ $1 = create ]; then cat >handed; else echo Complete; fi; }",
+        );
+        let (_, rest) = yaml.split_once("command: [sh, -c, '").unwrap();
+        let (of_pod, _) = rest.split_once("']\n").unwrap();
+        let json = handed_on(
+            Engine::Batch,
+            "aws() { case $2 in submit-job) shift 11; printf %s \"$1\" >handed; echo 7;; *) echo FAILED;; esac; }",
+        );
+        let json: serde_json::Value = serde_json::from_str(&json).unwrap();
+        let of_batch = json["command"][2].as_str().unwrap();
+        let of_slurm = handed_on(
+            Engine::Slurm,
+            "sbatch() { shift 5; printf %s \"$1\" >handed; }",
+        );
+        for command in [&of_pod.replace("''", "'"), of_batch, &of_slurm] {
+            let words = words(command);
+            assert_eq!(words[..2], ["work", "a dir/it's"], "{command}");
         }
     }
 

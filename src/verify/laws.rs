@@ -329,8 +329,10 @@ fn sums_of_volume(manifest: &Manifest, found: &Found) -> Vec<Total> {
     } else {
         // by the tiles alone there is a limit only
         let below = manifest.grid.dims.voxels().saturating_sub(t.voxels_above);
+        // of cells that were left out as dust, too, which are above by now
+        let dust = manifest.dust.map_or(0, |dust| dust.cell_voxels);
         let most = match manifest.filtered_dtype().is_float() {
-            true => below,
+            true => below.saturating_add(dust),
             false => 0,
         };
         totals.push(of("voxels_nan", t.voxels_nan, t.voxels_nan.min(most)));
