@@ -21,6 +21,8 @@ pub(crate) struct Log {
     pixel: f64,
     /// Slices from one that was kept to the next.
     step: f64,
+    /// The same by the numbers in the names of slices, where these have some.
+    step_of_names: Option<f64>,
     /// Width and height of the slices.
     size: [Option<u64>; 2],
 }
@@ -65,9 +67,9 @@ pub(crate) fn find(files: &[PathBuf], names: &[String]) -> Result<Option<Log>> {
     let alone = found.len() == 1;
     let best = found.into_iter().next().filter(|(fits, _)| *fits || alone);
     Ok(best.map(|(_, mut log)| {
-        // names count sections: of those that were thinned out later the log knows nothing
         if let [Some(first), Some(second)] = [0, 1].map(|i| names.get(i).and_then(|n| section(n))) {
-            log.step = log.step.max(second.saturating_sub(first) as f64);
+            let step = second.saturating_sub(first) as f64;
+            log.step_of_names = Some(step).filter(|step| *step > 0.0);
         }
         log
     }))
@@ -109,6 +111,7 @@ impl Log {
             name: name.to_owned(),
             pixel: number("Pixel Size (um)")?,
             step: number("Section to Section Step").unwrap_or(1.0),
+            step_of_names: None,
             size: [
                 whole("Result Image Width (pixels)"),
                 whole("Result Image Height (pixels)"),
@@ -118,9 +121,10 @@ impl Log {
 
     /// Takes the size of a voxel from the log.
     pub(crate) fn apply(&self, descriptor: &mut VolumeDescriptor) {
-        let Log {
-            name, pixel, step, ..
-        } = self;
+        let Log { name, pixel, .. } = self;
+        // names count sections: of those that were thinned out later the log knows nothing
+        let of_names = self.step_of_names.unwrap_or(self.step);
+        let step = self.step.max(of_names);
         let of_slices = [descriptor.dims.0[0], descriptor.dims.0[1]].map(u64::from);
         let same = (0..2).all(|a| self.size[a].is_none_or(|n| n == of_slices[a]));
         if let ([Some(x), Some(y)], false) = (self.size, same) {
@@ -140,9 +144,21 @@ impl Log {
             .warnings
             .retain(|warning| *warning != size::assumed_z());
         by_log.apply(&mut descriptor.placement, &mut descriptor.provenance);
-        descriptor
-            .notes
-            .push(format!("the size of a voxel is that of {name}: {pixel} um"));
+        descriptor.notes.push(format!(
+            "the size of a voxel is that of {name}: {pixel} um{}",
+            match step {
+                1.0 => String::new(),
+                step => format!(", and {step} times that from slice to slice"),
+            }
+        ));
+        if of_names < self.step {
+            descriptor.warnings.push(Warning::of_size(format!(
+                "{name} states {} sections from slice to slice, the numbers of the slices rise by {of_names}: {} um along z \
+                 is taken, give --spacing and --unit if that is wrong",
+                self.step,
+                pixel * step
+            )));
+        }
         if stated {
             let length = crate::grid::length::Length::from(own.unit);
             let slices = length.convert(own.spacing[0], descriptor.placement.unit);
@@ -159,6 +175,10 @@ impl Log {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::grid::Dims;
+    use crate::volume::Dtype;
+    use crate::volume::descriptor::Samples;
+    use crate::volume::io::data::{Data, Encoding, Start};
 
     #[test]
     fn logs_state_the_size_of_the_reconstruction() {
@@ -169,6 +189,45 @@ mod tests {
             (log.pixel, log.step, log.size),
             (17.51, 2.0, [Some(28), None])
         );
+        let file = |step: f64, names: [&str; 2]| {
+            let dir = tempfile::tempdir().unwrap();
+            let log = dir.path().join("a__rec.log");
+            let text =
+                format!("[Reconstruction]\nPixel Size (um)=10\nSection to Section Step={step}\n");
+            std::fs::write(&log, text).unwrap();
+            let found = find(&[log], &names.map(str::to_owned)).unwrap().unwrap();
+            let samples = Samples::Files(Data {
+                files: Vec::new(),
+                start: Start::behind(0),
+                encoding: Encoding::Raw,
+            });
+            let dims = Dims([4, 4, 2]);
+            let mut volume = VolumeDescriptor::new("folder", dims, Dtype::U8, samples);
+            found.apply(&mut volume);
+            let z = volume.placement.spacing[2];
+            (
+                z,
+                volume.notes[0].contains("from slice to slice"),
+                volume.warnings.len(),
+            )
+        };
+        assert_eq!(
+            file(1.0, ["a__rec0001.bmp", "a__rec0002.bmp"]),
+            (10.0, false, 0)
+        );
+        assert_eq!(
+            file(2.0, ["a__rec0001.bmp", "a__rec0003.bmp"]),
+            (20.0, true, 0)
+        );
+        assert_eq!(
+            file(1.0, ["a__rec0001.bmp", "a__rec0003.bmp"]),
+            (20.0, true, 0)
+        );
+        assert_eq!(
+            file(3.0, ["a__rec0001.bmp", "a__rec0002.bmp"]),
+            (30.0, true, 1)
+        );
+        assert_eq!(file(3.0, ["a.bmp", "b.bmp"]), (30.0, true, 0));
         for other in [
             "",
             "Pixel Size (um)=3\n",

@@ -50,6 +50,11 @@ fn parse(path: &Path, head: &[u8]) -> Result<VolumeDescriptor> {
         let hint = "it is a flat picture for planning a scan: give the ISQ";
         return Err(Error::unsupported(path, "a scout view of Scanco", hint));
     }
+    if voxels.iter().any(|&n| n < 0) {
+        let [x, y, z] = voxels;
+        let found = format!("a volume of {x} x {y} x {z}");
+        return Err(Error::format(path, found, "sizes from 2 on"));
+    }
     let sizes = voxels.map(|n| u64::try_from(n).unwrap_or(0));
     let dims = Dims::new(sizes).map_err(|e| e.of_header(path, "a volume"))?;
     let blocks = i32_at(head, 508);
