@@ -311,7 +311,7 @@ fn changed(job: &Conversion, panic: &(dyn Any + Send)) -> Error {
             let text = panic.downcast_ref::<String>().map(String::as_str);
             let text = text.or(panic.downcast_ref::<&str>().copied());
             format!(
-                "what was read of it twice does not fit together ({}), though its size and its time of change are \
+                "samples that do not fit together when they are read twice ({}), though size and time of change are \
                  the same; if nobody writes to it, not through a memory map either, this is a fault of alvis",
                 text.unwrap_or("a panic")
             )
