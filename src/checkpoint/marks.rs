@@ -114,11 +114,11 @@ impl Marks {
 
     /// True if every file in `dir` still begins with what it held.
     pub fn hold(&self, dir: &Path) -> bool {
-        self.first_changed(dir).is_none()
+        self.first_changed(dir, |_| true).is_none()
     }
 
-    /// The first of the files in `dir` that does not begin with what it held.
-    pub fn first_changed(&self, dir: &Path) -> Option<&str> {
+    /// The first of the files in `dir` that does not begin with what it held, of those whose names are `asked` for.
+    pub fn first_changed(&self, dir: &Path, asked: impl Fn(&str) -> bool) -> Option<&str> {
         let sound = |(name, len, crc): &(String, u64, Option<u32>)| {
             let file = File::open(dir.join(name)).ok()?;
             let long_enough = file.metadata().ok()?.len() >= *len;
@@ -128,7 +128,8 @@ impl Marks {
             };
             Some(long_enough && same)
         };
-        let changed = self.0.iter().find(|mark| sound(mark) != Some(true));
+        let mut all = self.0.iter().filter(|(name, ..)| asked(name));
+        let changed = all.find(|mark| sound(mark) != Some(true));
         changed.map(|(name, ..)| name.as_str())
     }
 

@@ -336,6 +336,51 @@ fn go_on(volume: &MemoryVolume<u8>, options: &ConvertOptions, out: &Path) -> Res
     }
 }
 
+/// What merging reads of a part it looks at, before others go on with it; the bands a part looks at itself.
+#[test]
+fn labels_that_are_damaged_are_found_by_who_reads_them() {
+    let (volume, options) = small();
+    let dir = tempfile::tempdir().unwrap();
+    let out = dir.path().join("out");
+    plan(&volume, &options, &out, 3);
+    for part in 0..3 {
+        work_on_part(&volume, &options, &out, part, &Quiet).unwrap();
+    }
+    let mut names = Vec::new();
+    for path in part_files(&out) {
+        let name = path.file_name().unwrap().to_string_lossy().into_owned();
+        if !name.starts_with("labels.") || !path.to_string_lossy().contains("part-0001") {
+            continue;
+        }
+        let tried = dir.path().join(&name);
+        copy_all(&out, &tried);
+        let zeros = vec![0; fs::read(&path).unwrap().len()];
+        let file = tried.join(path.strip_prefix(&out).unwrap());
+        assert!(
+            !zeros.is_empty() && fs::read(&file).unwrap() != zeros,
+            "{name}"
+        );
+        fs::write(&file, zeros).unwrap();
+        let said = match merge_parts(&volume, &options, &tried, &Quiet) {
+            Err(error) => error,
+            Ok(_) => {
+                assert_eq!(name, "labels.bands");
+                work_on_part(&volume, &options, &tried, 1, &Quiet).unwrap_err()
+            }
+        };
+        let said = said.to_string();
+        assert!(
+            said.contains(&name) && said.contains("part-0001.done"),
+            "{name}: {said}"
+        );
+        names.push(name);
+    }
+    assert!(
+        names.len() >= 4 && names.iter().any(|name| name == "labels.summary"),
+        "{names:?}"
+    );
+}
+
 #[test]
 fn files_that_are_damaged_are_found_or_not_needed() {
     let (volume, options) = small();

@@ -9,7 +9,7 @@ use crate::volume::{Volume, Voxel};
 use bytemuck::{Pod, Zeroable};
 
 /// Names of the files.
-const BANDS: &str = "bands";
+pub const BANDS: &str = "bands";
 const BAND_PLACES: &str = "band-places";
 
 /// Where what is kept of a band lies.

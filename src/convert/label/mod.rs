@@ -15,7 +15,7 @@ mod state;
 mod workers;
 
 pub use band::span_of;
-pub use kept_bands::{KeptBand, KeptBands};
+pub use kept_bands::{BANDS, KeptBand, KeptBands};
 pub use seam::{Arrival, Beyond, Seam};
 pub use slab_records::{EndedComponents, SlabRecord, Slabs};
 pub use small_components::Filter;

@@ -477,7 +477,15 @@ impl<T> Done<T> {
     /// # Errors
     /// [`Error::Format`] if one is not.
     pub fn check_marks(&self) -> Result<()> {
-        match self.marks.first_changed(&self.dir.join(SPOOLS)) {
+        self.check_marks_of(|_| true)
+    }
+
+    /// Reads those of the files of its sweep whose names are `asked` for.
+    ///
+    /// # Errors
+    /// As of [`Done::check_marks`].
+    pub fn check_marks_of(&self, asked: impl Fn(&str) -> bool) -> Result<()> {
+        match self.marks.first_changed(&self.dir.join(SPOOLS), asked) {
             None => Ok(()),
             Some(name) => {
                 let path = self.dir.join(SPOOLS).join(name);

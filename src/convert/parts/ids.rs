@@ -2,7 +2,7 @@
 
 use crate::checkpoint::{LABELS, Scratch};
 use crate::convert::id_places::IdPlaces;
-use crate::convert::label::{Beyond, Labelled, Seam};
+use crate::convert::label::{BANDS, Beyond, Labelled, Seam};
 use crate::convert::parts::directory::{Directory, Done, FileSum, Made};
 use crate::convert::parts::handed_out::HandedOut;
 use crate::convert::parts::join::{Contributions, Joiner};
@@ -57,6 +57,8 @@ fn file_of(part: u32) -> String {
 fn labels_of(directory: &Directory, round: u32, part: u32) -> Result<(Labelled, Seam)> {
     let done: Done<LabelsOfPart> = directory.done_by(round, part)?;
     let (seam, _) = done.file(SEAM)?;
+    // the bands, which are large, are read by the part alone, which looks at them
+    done.check_marks_of(|name| !name.ends_with(BANDS))?;
     Ok((open_labels(directory, &done, part)?, Seam::read(&seam)?))
 }
 
