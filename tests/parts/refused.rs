@@ -354,13 +354,12 @@ fn labels_that_are_damaged_are_found_by_who_reads_them() {
         }
         let tried = dir.path().join(&name);
         copy_all(&out, &tried);
-        let zeros = vec![0; fs::read(&path).unwrap().len()];
-        let file = tried.join(path.strip_prefix(&out).unwrap());
-        assert!(
-            !zeros.is_empty() && fs::read(&file).unwrap() != zeros,
-            "{name}"
-        );
-        fs::write(&file, zeros).unwrap();
+        let bytes = fs::read(&path).unwrap();
+        if bytes.is_empty() {
+            continue;
+        }
+        let other: Vec<u8> = bytes.iter().map(|byte| !byte).collect();
+        fs::write(tried.join(path.strip_prefix(&out).unwrap()), other).unwrap();
         let said = match merge_parts(&volume, &options, &tried, &Quiet) {
             Err(error) => error,
             Ok(_) => {
