@@ -8,11 +8,11 @@ mod writer;
 
 pub(crate) use lock::Lock;
 pub(crate) use lookup::TileLookup;
-pub(crate) use output_dir::make_directories;
 pub(crate) use output_dir::{
     LEVELS_STATE, Output, PARTS, PLAN, outward, refuse_bucket, refuse_same, tidy,
 };
 pub use output_dir::{check_output, interrupted};
+pub(crate) use output_dir::{is_moved_in, make_directories};
 pub(crate) use reader::Stated;
 pub use reader::TileSet;
 pub(crate) use writer::{TilesetWriter, layer_directory, with_euler_characteristic, write_tile};

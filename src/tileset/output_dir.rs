@@ -94,6 +94,11 @@ pub fn interrupted(out: &Path) -> Option<LayersDone> {
     kept(&out.join(WORK))
 }
 
+/// True if all of a tile set is made and somebody moves it into `out`, or has been stopped meanwhile.
+pub fn is_moved_in(out: &Path) -> bool {
+    out.join(WORK).join(MOVING).exists()
+}
+
 /// Refuses to make a tile set of another one in the directory of that.
 ///
 /// # Errors

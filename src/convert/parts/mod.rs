@@ -42,11 +42,15 @@ use crate::convert::{ConvertOptions, ConvertReport, in_threads, report, with_con
 use crate::error::{Error, Result};
 use crate::manifest::MANIFEST;
 use crate::progress::Progress;
-use crate::tileset::tidy;
+use crate::tileset::{is_moved_in, tidy};
 use crate::volume::Volume;
 use serde::Serialize;
 use std::path::Path;
-use std::time::Instant;
+use std::time::{Duration, Instant};
+
+/// How long to wait until somebody else has moved a tile set in, and between two looks.
+const PATIENCE: Duration = Duration::from_secs(2);
+const PAUSE: Duration = Duration::from_millis(20);
 
 /// What a part does next.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -277,9 +281,18 @@ pub fn merge_parts(
         }
         Ok(Err((round, left))) => Ok(Merged::ToRun(round.name(), left)),
         // another merge was first
-        Err(_) if out.join(MANIFEST).exists() => Ok(Merged::InPlace(None)),
+        Err(_) if somebody_else_merged(out) => Ok(Merged::InPlace(None)),
         Err(error) => Err(error),
     }
+}
+
+/// True if a tile set is in place, or comes there while one waits for it.
+fn somebody_else_merged(out: &Path) -> bool {
+    let start = Instant::now();
+    while is_moved_in(out) && start.elapsed() < PATIENCE {
+        std::thread::sleep(PAUSE);
+    }
+    out.join(MANIFEST).exists()
 }
 
 /// Removes what a merge has left that was killed after it had moved everything into place.
