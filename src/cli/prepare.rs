@@ -64,9 +64,16 @@ impl ConvertArgs {
         match (given.into_iter().find(|(_, given)| *given), &self.out) {
             (None, Some(out)) => Ok(out),
             (option, _) => {
+                let expected = match option {
+                    Some(("--resume", _)) => {
+                        "none: `alvis work` and `alvis merge` go on by themselves"
+                    }
+                    Some(("--lod" | "--view", _)) => {
+                        "`alvis lod OUT` or `alvis view OUT` when the tile set is there"
+                    }
+                    _ => "one volume and one directory: each scan has a plan of its own",
+                };
                 let option = option.map_or("OUT", |(option, _)| option);
-                let expected = "one volume and one directory; levels of detail and \
-                                views are made of the tile set when it is there";
                 Err(Error::usage(option, "it with a plan", expected))
             }
         }
