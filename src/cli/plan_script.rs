@@ -234,8 +234,9 @@ mod tests {
         let dir = tempfile::tempdir().unwrap();
         let alvis = "alvis() { [ -e done ] && return 0; touch done; echo 0-2; return 3; }";
         let text = format!("sleep() {{ :; }}\n{alvis}\n{stubs}\n{}", script(engine));
-        let shell = Command::new("sh").arg("-c").arg(text);
-        let ended = shell.current_dir(dir.path()).status().unwrap();
+        let mut shell = Command::new("sh");
+        shell.arg("-c").arg(text).current_dir(dir.path());
+        let ended = shell.status().unwrap();
         assert!(ended.success());
         std::fs::read_to_string(dir.path().join("handed")).unwrap()
     }
@@ -256,6 +257,7 @@ mod tests {
         );
         let (_, rest) = yaml.split_once("command: [sh, -c, '").unwrap();
         let (of_pod, _) = rest.split_once("']\n").unwrap();
+        let of_pod = of_pod.replace("''", "'");
         let json = handed_on(
             Engine::Batch,
             "aws() { case $2 in submit-job) shift 11; printf %s \"$1\" >handed; echo 7;; *) echo FAILED;; esac; }",
@@ -266,7 +268,7 @@ mod tests {
             Engine::Slurm,
             "sbatch() { shift 5; printf %s \"$1\" >handed; }",
         );
-        for command in [&of_pod.replace("''", "'"), of_batch, &of_slurm] {
+        for command in [&of_pod[..], of_batch, &of_slurm] {
             let words = words(command);
             assert_eq!(words[..2], ["work", "a dir/it's"], "{command}");
         }
