@@ -340,6 +340,11 @@ fn go_on(volume: &MemoryVolume<u8>, options: &ConvertOptions, out: &Path) -> Res
 #[test]
 fn labels_that_are_damaged_are_found_by_who_reads_them() {
     let (volume, options) = small();
+    // so that labelling comes first
+    let options = ConvertOptions {
+        min_voxels: 1,
+        ..options
+    };
     let dir = tempfile::tempdir().unwrap();
     let out = dir.path().join("out");
     plan(&volume, &options, &out, 3);
