@@ -249,7 +249,14 @@ impl Coarse {
     fn smooth_folds(&mut self, recipe: &Recipe) {
         let clusters = &mut self.clusters.all;
         let mut normals: Vec<[i64; 3]> = clusters.iter().map(|c| c.normal).collect();
-        let is_free = |v: u32| clusters[v as usize].kind == Kind::Inner;
+        // on a plane another vertex may lie at the same place, as those of a cap do, and would stay there
+        let inside = self
+            .placed
+            .points
+            .iter()
+            .map(|p| recipe.planes.bits(*p) == 0);
+        let inside: Vec<bool> = inside.collect();
+        let is_free = |v: u32| clusters[v as usize].kind == Kind::Inner && inside[v as usize];
         let mut folded = Folded {
             points: &mut self.placed.points,
             normals: &mut normals,
