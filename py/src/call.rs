@@ -3,6 +3,7 @@
 use crate::progress::run;
 use crate::volume::Source;
 use alvis::cli::call::{self as library, Call};
+use alvis::{Error, Result};
 use pyo3::prelude::*;
 use std::ffi::OsString;
 
@@ -23,9 +24,8 @@ pub fn call(
     // what an interrupted conversion is known by: only they are gone on with
     let identified = words.first().is_some_and(|command| command == "convert");
     let made = run(py, progress, move |progress| {
-        let given = source
-            .map(|source| source.given(name, identified))
-            .transpose()?;
+        let given = source.map(|source| in_threads(|| source.given(name, identified)));
+        let given = given.transpose()?;
         library::call(Call {
             words,
             volume: given,
@@ -38,6 +38,18 @@ pub fn call(
         (Err(_), Some(raised)) => Err(raised),
         (made, _) => made,
     }
+}
+
+/// Works in threads of its own, which end with it: a process that was forked has none of those that its parent had, and
+/// would wait for them.
+fn in_threads<R: Send>(work: impl FnOnce() -> Result<R> + Send) -> Result<R> {
+    let pool = rayon::ThreadPoolBuilder::new().build();
+    let pool = pool.map_err(|e| Error::Io {
+        path: "threads".into(),
+        action: "start",
+        source: std::io::Error::other(e),
+    })?;
+    pool.install(work)
 }
 
 /// Runs a whole command line, whose first word is the program's name; returns the exit status.
