@@ -90,6 +90,20 @@ fn no_corner_of_an_edge_that_is_taken_apart_lies_at_the_new_vertex() {
     sound(&volume(dims, random(Kind::Noise, 317, dims)), &wanted);
 }
 
+/// Where a cap meets the surface two vertices lie at one place, and move together or not at all.
+#[test]
+fn folds_move_no_vertex_of_a_rim() {
+    let dims = [6, 5, 19];
+    // noise that few others are like: some hundred volumes had no such fold
+    let samples = include_bytes!("fixtures/noise_6x5x19.raw").to_vec();
+    let wanted = ConvertOptions {
+        cap: true,
+        ambiguous: Ambiguous::Join,
+        ..web(3)
+    };
+    sound(&volume(dims, samples), &wanted);
+}
+
 #[test]
 fn a_straight_border_with_fewer_vertices_has_fins() {
     let dims = [9; 3];
