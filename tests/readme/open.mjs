@@ -28,13 +28,13 @@ try {
   try {
     await tab.goto(`${site}/${name}`);
     await tab.waitForFunction("/cells/.test(document.querySelector('p').textContent)", null, { timeout: 240000 });
-    const said = await tab.textContent("p");
+    const said = await tab.textContent("p", { timeout: 240000 });
     const picture = await tab.screenshot({ path: path.join(root, `${name}.png`) });
     // a picture of one colour is packed to less
     if (picture.length < 10000) throw new Error(`the picture has ${picture.length} bytes`);
     await tab.mouse.click(200, 150);
     await tab.waitForFunction("/volume/.test(document.querySelector('p').textContent)", null, { timeout: 60000 });
-    console.log(`${name}: "${said}", then "${await tab.textContent("p")}"`);
+    console.log(`${name}: "${said}", then "${await tab.textContent("p", { timeout: 240000 })}"`);
   } catch (error) {
     console.error(`${error.message} ${complaints.join(" ")}`.slice(0, 500));
     process.exitCode = 1;
