@@ -17,16 +17,57 @@ struct Kept {
 pub fn exception(py: Python<'_>, error: &Error) -> PyErr {
     let made = py.import("alvis._errors").and_then(|module| {
         let kept = kept(error);
+        let told = |text: Option<String>| text.map(|text| as_arguments(&text));
         let arguments = (
-            error.to_string(),
+            as_arguments(&error.to_string()),
             kept.place,
             kept.found,
-            kept.expected,
-            kept.hint,
+            told(kept.expected),
+            told(kept.hint),
         );
         module.getattr(class(error))?.call1(arguments)
     });
     made.map_or_else(|e| e, PyErr::from_value)
+}
+
+/// A text in which options are named as arguments are: `min_voxels` for `--min-voxels`, but in whole command lines.
+pub fn as_arguments(text: &str) -> String {
+    let mut out = String::with_capacity(text.len());
+    // what is in backticks is every second part
+    for (i, part) in text.split('`').enumerate() {
+        let is_quoted = i % 2 == 1;
+        if i > 0 {
+            out.push('`');
+        }
+        match is_quoted && !part.starts_with("--") {
+            true => out.push_str(part),
+            false => name_arguments(part, &mut out),
+        }
+    }
+    out
+}
+
+fn name_arguments(text: &str, out: &mut String) {
+    let mut rest = text;
+    while let Some(at) = rest.find("--") {
+        let (before, option) = (&rest[..at], &rest[at + 2..]);
+        let length = option.find(|c: char| !c.is_ascii_lowercase() && c != '-');
+        let name = &option[..length.unwrap_or(option.len())];
+        out.push_str(before);
+        let begins = before
+            .chars()
+            .next_back()
+            .is_none_or(|c| " (\"'".contains(c));
+        match begins && name.starts_with(|c: char| c.is_ascii_lowercase()) {
+            true => out.push_str(&name.replace('-', "_")),
+            false => {
+                out.push_str("--");
+                out.push_str(name);
+            }
+        }
+        rest = &option[name.len()..];
+    }
+    out.push_str(rest);
 }
 
 /// The class of the exception.

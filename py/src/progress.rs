@@ -1,5 +1,6 @@
 //! Long work for Python: in a thread of its own, while the thread that called sees to signals, progress and warnings.
 
+use crate::errors::as_arguments;
 use alvis::progress::Progress;
 use alvis::{Error, Result};
 use pyo3::prelude::*;
@@ -122,7 +123,7 @@ fn turn(
         let category = py.import("alvis._errors")?.getattr("AlvisWarning")?;
         let warn = py.import("warnings")?.getattr("warn")?;
         for text in warnings {
-            warn.call1((text, &category, WARNED_AT))?;
+            warn.call1((as_arguments(&text), &category, WARNED_AT))?;
         }
     }
     let Some(callback) = callback else {

@@ -204,8 +204,10 @@ def test_errors_say_where_what_and_what_else(tmp_path):
     assert str(again) == str(caught.value) and again.expected == caught.value.expected
     assert not (tmp_path / "x").exists()
     alvis.convert(array, tmp_path / "x", threshold=120)
-    with pytest.raises(alvis.OutputError):
+    with pytest.raises(alvis.OutputError, match="force") as caught:
         alvis.convert(array, tmp_path / "x", threshold=120)
+    # options are called as the arguments are
+    assert "--" not in str(caught.value)
     alvis.convert(array, tmp_path / "x", threshold=120, force=True)
 
 
