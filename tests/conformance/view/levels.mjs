@@ -20,7 +20,7 @@ async function distances({ open, at }) {
   const { camera } = await session.get("state");
   const set = raysOf(at, "blender");
   let before = 0;
-  for (const [share, most] of [[30, levels.at(-1).triangles * 1.2], [3, totals.triangles * 0.2], [1.5, totals.triangles * 0.9]]) {
+  for (const [share, most] of [[30, levels.at(-1).triangles * 1.2], [3, totals.triangles * 0.2], [0.9, totals.triangles * 0.9]]) {
     await follow(session, { ...camera, distance: camera.distance * share });
     const triangles = await session.get("triangles");
     console.log(`   at ${share} of the distance: ${await session.get("draws")} blocks, ${triangles} triangles`);
