@@ -5,14 +5,11 @@
 
 use crate::error::{Error, Result};
 use crate::http::{Answer, Body, Client, Handler, Method, Request, Rules, Status};
-use crate::manifest::{MANIFEST, Manifest, level_file};
+use crate::manifest::{LEGEND_SVG, MANIFEST, Manifest, level_file};
 use crate::store::File;
 use crate::tileset::{TileLookup, TileSet};
 use std::io::{Seek, SeekFrom};
 use std::ops::Range;
-
-/// The drawing of colours, which stands beside the picture that the index names.
-const LEGEND_SVG: &str = "legend.svg";
 
 /// Answers with files.
 #[derive(Debug)]

@@ -324,6 +324,29 @@ mod tests {
         )
     }
 
+    /// What comes back of a mesh of which nothing is left: clusters, their places, triangles.
+    fn brought_back(mesh: &Mesh, planes: &Planes) -> (Clusters, Vec<[i32; 3]>, Vec<[u32; 3]>) {
+        let border = Border::of(mesh, planes);
+        let mut clusters = Clusters {
+            all: Vec::new(),
+            of_vertex: Vec::new(),
+        };
+        let (mut points, mut triangles) = (Vec::new(), Vec::new());
+        Specks {
+            mesh,
+            border: &border,
+            planes,
+            open_faces: planes.faces,
+            step: 32,
+            clusters: &mut clusters,
+            points: &mut points,
+            triangles: &mut triangles,
+            room: 100,
+        }
+        .bring_back();
+        (clusters, points, triangles)
+    }
+
     /// Half of an octahedron, whose rim lies on a face of the volume: what comes back of it is known to lie there, so
     /// that it is not moved off it.
     #[test]
@@ -335,24 +358,7 @@ mod tests {
         let planes = Planes::of(tiling, 1, [0; 3]);
         let mut mesh = octahedron([2000, 3000, 0], 400);
         mesh.triangles.retain(|t| !t.contains(&5));
-        let border = Border::of(&mesh, &planes);
-        let mut clusters = Clusters {
-            all: Vec::new(),
-            of_vertex: Vec::new(),
-        };
-        let (mut points, mut triangles) = (Vec::new(), Vec::new());
-        Specks {
-            mesh: &mesh,
-            border: &border,
-            planes: &planes,
-            open_faces: planes.faces,
-            step: 32,
-            clusters: &mut clusters,
-            points: &mut points,
-            triangles: &mut triangles,
-            room: 100,
-        }
-        .bring_back();
+        let (clusters, points, _) = brought_back(&mesh, &planes);
         assert!(
             points.iter().filter(|p| p[2] == 0).count() > 2,
             "{points:?}"
@@ -441,24 +447,7 @@ mod tests {
                     mesh.triangles.iter_mut().for_each(|t| t.swap(0, 1));
                 }
                 let before = solid(&mesh.points, &mesh.triangles);
-                let border = Border::of(&mesh, &planes);
-                let mut clusters = Clusters {
-                    all: Vec::new(),
-                    of_vertex: Vec::new(),
-                };
-                let (mut points, mut triangles) = (Vec::new(), Vec::new());
-                Specks {
-                    mesh: &mesh,
-                    border: &border,
-                    planes: &planes,
-                    open_faces: planes.faces,
-                    step: 32,
-                    clusters: &mut clusters,
-                    points: &mut points,
-                    triangles: &mut triangles,
-                    room: 100,
-                }
-                .bring_back();
+                let (clusters, points, triangles) = brought_back(&mesh, &planes);
                 assert!((LEAST..=8).contains(&triangles.len()), "{triangles:?}");
                 assert_eq!(clusters.all.len(), points.len());
                 let (volume, closed) = solid(&points, &triangles);

@@ -25,6 +25,7 @@ pub(crate) use levels::{level_file, node_path, node_shard_path, tileset_path};
 pub use open::{MANIFEST, PARTIAL, file_inside, inside, is_plain, manifest_file};
 pub(crate) use seal::{checksum_of, own_checksum, sums_of};
 pub use selection::{ColourBy, Paint, Painted, Selection, Step, Table, WholeTotals};
+pub(crate) use selection::{LEGEND, LEGEND_SVG};
 pub use shard::ShardTiles;
 pub(crate) use shard_text::{ShardFault, ShardText};
 pub(crate) use shard_writer::{ShardWriter, entry_text, shard_path};

@@ -2,6 +2,11 @@
 
 use serde::{Deserialize, Serialize};
 
+/// The picture of colours of a painted set.
+pub(crate) const LEGEND: &str = "legend.png";
+/// The same as a drawing, which the index does not name, and which sets may lack.
+pub(crate) const LEGEND_SVG: &str = "legend.svg";
+
 /// One of the tables of a tile set.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]

@@ -3,8 +3,8 @@
 use crate::checkpoint::{LayersDone, STATE, kept};
 use crate::error::{Error, Result};
 use crate::manifest::{
-    COMPONENTS, COMPONENTS_PARQUET, MANIFEST, NECKS, NECKS_PARQUET, PARTIAL as WORK, TILESET,
-    WALLS, WALLS_PARQUET,
+    COMPONENTS, COMPONENTS_PARQUET, LEGEND, LEGEND_SVG, MANIFEST, NECKS, NECKS_PARQUET,
+    PARTIAL as WORK, TILESET, WALLS, WALLS_PARQUET,
 };
 use crate::store::is_remote;
 use crate::sys::files::{make_directory, remove_if_there, write_file};
@@ -40,8 +40,8 @@ const ENTRIES: [&str; 19] = [
 /// What some tile sets lack: pictures of colours, tables as Parquet, levels of detail, tables of cells that are parts of
 /// components.
 const OPTIONAL: [&str; 13] = [
-    "legend.png",
-    "legend.svg",
+    LEGEND,
+    LEGEND_SVG,
     "cells.parquet",
     "objects.parquet",
     "surfaces.parquet",

@@ -2,10 +2,9 @@
 
 use super::code::Code;
 use super::index::{MANIFEST, shard_path, tile_dir, tile_name};
-use super::paint::{LEGEND, LEGEND_SVG};
 use super::report::{Issue, Issues, Severity};
 use crate::error::{Error, Result};
-use crate::manifest::{Manifest, PARTIAL};
+use crate::manifest::{LEGEND, LEGEND_SVG, Manifest, PARTIAL};
 use crate::store::{self, Entry};
 use std::collections::BTreeMap;
 use std::path::Path;

@@ -8,7 +8,7 @@ use super::files;
 use super::ledger::Kind;
 use super::report::Issues;
 use crate::error::{Error, Result};
-use crate::manifest::{ColourBy, Manifest, Painted, Selection, Step};
+use crate::manifest::{ColourBy, LEGEND, LEGEND_SVG, Manifest, Painted, Selection, Step};
 use crate::picture::ColourBar;
 use crate::store;
 use crate::table::{Column, Expr, Row, Table, TableReader};
@@ -41,10 +41,6 @@ pub(super) fn name(colour: Colour) -> String {
 const LISTED: usize = 9;
 const STEPS: usize = 256;
 
-/// The name of the picture of colours.
-pub(super) const LEGEND: &str = "legend.png";
-/// The name of the same as SVG, which sets may have too.
-pub(super) const LEGEND_SVG: &str = "legend.svg";
 /// Bytes that are read of either; they have a few thousand.
 const LARGEST_LEGEND: u64 = 1 << 20;
 

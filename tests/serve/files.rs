@@ -11,6 +11,12 @@ fn served(more: &[&str]) -> (tempfile::TempDir, Served) {
     (dir, served)
 }
 
+/// Makes `painted` of `tiles`.
+fn paint(dir: &std::path::Path) {
+    let words = "select tiles painted --colour-by volume --quiet";
+    ok(dir, &words.split(' ').collect::<Vec<_>>());
+}
+
 #[test]
 fn files_of_the_set_are_served_as_they_are() {
     let (dir, served) = served(&[]);
@@ -51,15 +57,7 @@ fn files_of_the_set_are_served_as_they_are() {
 fn what_some_sets_have_is_served() {
     let dir = foam_tiles(&["--walls", "--tables", "csv,parquet", "--for", "web"]);
     ok(dir.path(), &["lod", "tiles", "--quiet"]);
-    let painted = [
-        "select",
-        "tiles",
-        "painted",
-        "--colour-by",
-        "volume",
-        "--quiet",
-    ];
-    ok(dir.path(), &painted);
+    paint(dir.path());
     for (set, all) in [
         (
             "tiles",
@@ -251,17 +249,7 @@ fn origins_that_no_browser_sends_are_refused() {
 #[test]
 fn legends_of_painted_sets_are_served() {
     let dir = foam_tiles(&[]);
-    ok(
-        dir.path(),
-        &[
-            "select",
-            "tiles",
-            "painted",
-            "--colour-by",
-            "volume",
-            "--quiet",
-        ],
-    );
+    paint(dir.path());
     let served = Served::start(dir.path(), &["serve", "painted", "--quiet"]);
     let index = served.ask("GET", "/index.json", &served.host()).json();
     let legend = index["selection"]["colour_by"]["legend"].as_str().unwrap();

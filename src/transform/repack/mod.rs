@@ -9,7 +9,9 @@
 mod tiles;
 
 use crate::error::{Error, Result};
-use crate::manifest::{COMPONENTS, Form, Manifest, NECKS, Tables, Totals, WALLS};
+use crate::manifest::{
+    COMPONENTS, Form, LEGEND, LEGEND_SVG, Manifest, NECKS, Tables, Totals, WALLS,
+};
 use crate::progress::Progress;
 use crate::store;
 use crate::table::Table;
@@ -17,7 +19,6 @@ use crate::tile::check_reach;
 use crate::tileset::{Output, TileSet, TilesetWriter, outward, refuse_same};
 use crate::transform::ids::several;
 use crate::transform::new_tiles::make_tiles;
-use crate::transform::select::{LEGEND, LEGEND_SVG};
 use serde::Serialize;
 use std::path::Path;
 use std::time::Instant;

@@ -1,12 +1,12 @@
 //! Which cells, objects or surfaces are kept, and their colours.
 
 use crate::error::{Error, Result};
-use crate::manifest::{ColourBy, Manifest, Paint, Painted, Selection, Step};
+use crate::manifest::{ColourBy, LEGEND, Manifest, Paint, Painted, Selection, Step};
 use crate::picture::{self, Map};
 use crate::table::{Column, Expr, Row, Table, TableReader};
 use crate::tile::Rgb;
 use crate::tile::read::PieceIds;
-use crate::transform::select::{SelectOptions, legend, whole};
+use crate::transform::select::{SelectOptions, whole};
 use std::path::Path;
 
 /// Colours that a manifest lists of a map.
@@ -259,7 +259,7 @@ impl Choice {
             min,
             max,
             colours: (0..LISTED).map(listed).collect(),
-            legend: legend::FILE.to_string(),
+            legend: LEGEND.to_string(),
         });
         Ok(())
     }

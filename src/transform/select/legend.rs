@@ -1,15 +1,10 @@
 //! The legend of colours by value, as a picture and as SVG.
 
 use crate::error::{Error, Result};
-use crate::manifest::ColourBy;
+use crate::manifest::{ColourBy, LEGEND, LEGEND_SVG};
 use crate::picture::{ColourBar, Map};
 use crate::sys::files::write_file;
 use std::path::Path;
-
-/// Its name in the tile set.
-pub const FILE: &str = "legend.png";
-/// The name of the same as SVG.
-pub const SVG: &str = "legend.svg";
 
 /// Draws the map from left to right with its values, and writes both files into a directory.
 ///
@@ -22,8 +17,8 @@ pub fn write(dir: &Path, legend: &ColourBy) -> Result<()> {
         ends: [legend.min, legend.max],
         colour: &|share| map.at(share),
     };
-    let path = dir.join(FILE);
+    let path = dir.join(LEGEND);
     let saved = bar.picture().save(&path);
     saved.map_err(|e| Error::io(&path, "write the legend", e))?;
-    write_file(&dir.join(SVG), &[bar.svg().as_bytes()])
+    write_file(&dir.join(LEGEND_SVG), &[bar.svg().as_bytes()])
 }

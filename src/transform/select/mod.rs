@@ -13,7 +13,6 @@ mod tiles;
 
 pub use crate::picture::{Map, hex, parse_colour};
 pub use choice::{ColourRule, PaintRule};
-pub(crate) use legend::{FILE as LEGEND, SVG as LEGEND_SVG};
 
 use crate::error::Result;
 use crate::manifest::{Manifest, Selection, Tables, WholeTotals};
