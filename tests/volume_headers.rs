@@ -4,7 +4,8 @@
 mod volume_common;
 
 use alvis::grid::{Origin, Placement, Unit};
-use alvis::volume::{Dtype, Header, OpenOptions, open};
+use alvis::progress::Quiet;
+use alvis::volume::{Dtype, Header, OpenOptions, open, statistics};
 use alvis::{Error, Result};
 use volume_common::{all, floats, gzip, open_as, opened, says};
 
@@ -518,6 +519,10 @@ fn sheared_axes_of_text_headers_are_resampled() {
         assert_eq!(place.spacing[..2], [1.0, 1.0]);
         let expected = [0, 1, 2, 3, 0, 0, 0, 0, 4, 5, 6, 7];
         assert_eq!(all(&*opened.volume).unwrap(), expected, "{name}");
+        // the zeros that fill the grid up do not count
+        let found = statistics(&*opened.volume, None, &Quiet).unwrap();
+        assert_eq!((found.voxels, found.otsu), (8, Some(3.5)));
+        assert!(says(&opened.notes, "leave out"), "{:?}", opened.notes);
     }
 }
 

@@ -15,7 +15,7 @@ use crate::grid::{Crop, Fill, Placement, filters_text};
 use crate::progress::Progress;
 use crate::volume::{
     Cropped, Filled, Header, Opened, Prediction, Statistics, ThresholdMethod, Watch, Watched,
-    predict, statistics,
+    measured_voxels, predict, statistics,
 };
 use crate::words::{number, percent};
 use clap::{Args, ValueHint};
@@ -249,7 +249,7 @@ impl InfoArgs {
             let part = Cropped::part(Box::new(volume), crop)?;
             let surface = predict(&*part, threshold, SLICES, progress)?;
             let memory = predicted_memory(volume, &options)?;
-            let voxels = part.header().dims.voxels();
+            let voxels = measured_voxels(&*part);
             return Ok(Predicted::new(threshold, surface, voxels, memory));
         };
         let region = roi

@@ -216,7 +216,8 @@ impl Specks<'_> {
             None if few.is_empty() => distinct(alone.triangles.clone(), &points, |_| 0),
             None => few,
         };
-        if left.is_empty() && is_closed {
+        // what ends on a face of the volume and is smaller than a step comes back beside it, closed
+        if left.is_empty() {
             return self.add_smallest(alone);
         }
         let mut numbers = vec![u32::MAX; points.len()];
@@ -365,6 +366,28 @@ mod tests {
         );
         for (point, cluster) in points.iter().zip(&clusters.all) {
             assert_eq!(cluster.kind == Kind::Stays, point[2] == 0, "{point:?}");
+        }
+    }
+
+    /// A pore of one voxel that the face of the volume cuts.
+    #[test]
+    fn what_ends_on_a_face_comes_back_however_small() {
+        let tiling = Tiling {
+            dims: Dims([41; 3]),
+            macrocube: [20; 3],
+        };
+        let planes = Planes::of(tiling, 1, [0; 3]);
+        for inverted in [false, true] {
+            let mut mesh = octahedron([2000, 3000, 0], 3);
+            mesh.triangles.retain(|t| !t.contains(&5));
+            if inverted {
+                mesh.triangles.iter_mut().for_each(|t| t.swap(0, 1));
+            }
+            let (_, points, triangles) = brought_back(&mesh, &planes);
+            assert_eq!(triangles.len(), LEAST);
+            let (volume, closed) = solid(&points, &triangles);
+            assert!(closed && (volume < 0.0) == inverted, "{volume}");
+            assert!(points.iter().all(|p| planes.bits(*p) == 0), "{points:?}");
         }
     }
 

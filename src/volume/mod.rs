@@ -39,6 +39,7 @@ pub(crate) use stated::place::place;
 pub use stats::cylinder::{FoundCylinder, find_cylinder};
 pub use stats::estimate::{Prediction, predict};
 pub use stats::fill_value::fill_value;
+pub(crate) use stats::inside::measured_voxels;
 pub use stats::statistics::{Statistics, statistics};
 pub use stats::threshold::ThresholdMethod;
 
@@ -122,6 +123,11 @@ pub trait Volume: Send + Sync {
         0
     }
 
+    /// The voxels of row `y` of slice `z` that were measured, where others only fill the grid up; `None` if all were.
+    fn measured(&self, _y: u32, _z: u32) -> Option<Range<u32>> {
+        None
+    }
+
     /// Says that the sweep will soon read these slices, so that the system can fetch them ahead.
     fn prefetch(&self, _z: Range<u32>) {}
 
@@ -158,6 +164,10 @@ impl<V: Volume + ?Sized> Volume for &V {
         (**self).mapped_bytes(z)
     }
 
+    fn measured(&self, y: u32, z: u32) -> Option<Range<u32>> {
+        (**self).measured(y, z)
+    }
+
     fn prefetch(&self, z: Range<u32>) {
         (**self).prefetch(z);
     }
@@ -180,6 +190,10 @@ macro_rules! hand_on {
 
         fn mapped_bytes(&self, z: Range<u32>) -> u64 {
             self.$inner.mapped_bytes(z)
+        }
+
+        fn measured(&self, y: u32, z: u32) -> Option<Range<u32>> {
+            self.$inner.measured(y, z)
         }
 
         fn prefetch(&self, z: Range<u32>) {

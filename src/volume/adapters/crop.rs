@@ -89,6 +89,13 @@ impl Volume for Cropped<'_> {
         self.volume.mapped_bytes(self.shift(2, z))
     }
 
+    fn measured(&self, y: u32, z: u32) -> Option<Range<u32>> {
+        let [first, above, below] = self.start;
+        let row = self.volume.measured(y + above, z + below)?;
+        let own = |x: u32| x.saturating_sub(first).min(self.header.dims.0[0]);
+        Some(own(row.start)..own(row.end))
+    }
+
     fn prefetch(&self, z: Range<u32>) {
         self.volume.prefetch(self.shift(2, z));
     }

@@ -235,6 +235,16 @@ impl Volume for Downsampled<'_> {
         self.inner.mapped_bytes(self.voxels(z))
     }
 
+    /// The blocks of which every voxel was.
+    fn measured(&self, y: u32, z: u32) -> Option<Range<u32>> {
+        let slices = self.voxels(z..z + 1);
+        let rows = slices.flat_map(|z| self.voxels(y..y + 1).map(move |y| [y, z]));
+        let voxels = rows.filter_map(|[y, z]| self.inner.measured(y, z));
+        let all = voxels.reduce(|a, b| a.start.max(b.start)..a.end.min(b.end))?;
+        let end = (all.end / self.factor).min(self.header.dims.0[0]);
+        Some(all.start.div_ceil(self.factor).min(end)..end)
+    }
+
     fn prefetch(&self, z: Range<u32>) {
         self.inner.prefetch(self.voxels(z));
     }

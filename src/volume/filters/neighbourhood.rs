@@ -248,6 +248,10 @@ impl<F: Neighbourhood> Volume for Filtered<'_, F> {
         self.inner.mapped_bytes(self.slices(&z))
     }
 
+    fn measured(&self, y: u32, z: u32) -> Option<Range<u32>> {
+        self.inner.measured(y, z)
+    }
+
     fn prefetch(&self, z: Range<u32>) {
         self.inner.prefetch(self.slices(&z));
     }

@@ -61,7 +61,7 @@ fn other_mean<T: Voxel>(
                 sum: 0.0,
                 count: 0,
             };
-            for_each_inside(Some(region), piece, samples, |inside| {
+            for_each_inside(volume, Some(region), piece, samples, |inside| {
                 for v in inside.iter().map(|v| v.to_f64()).filter(|v| v.is_finite()) {
                     if (v >= threshold) == (fill == Fill::Air) {
                         sum.sum += v;

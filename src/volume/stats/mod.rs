@@ -5,7 +5,7 @@ pub(crate) mod cylinder;
 pub(crate) mod estimate;
 pub(crate) mod fill_value;
 mod histogram;
-mod inside;
+pub(crate) mod inside;
 mod mask;
 mod peaks;
 pub(crate) mod statistics;

@@ -17,7 +17,7 @@ const FINE: usize = 1024;
 /// What the samples of a volume are like.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Statistics {
-    /// All samples.
+    /// All samples that count.
     pub voxels: u64,
     /// NaN samples.
     pub nan: u64,
@@ -120,8 +120,8 @@ impl Statistics {
     }
 }
 
-/// Reads a volume once (types of 8 and 16 bits) or twice (wider types) and describes its samples, of a region only
-/// those inside. Threads hold 2 MiB of samples each, or a row if that is more.
+/// Reads a volume once (types of 8 and 16 bits) or twice (wider types) and describes the samples that were measured, of a
+/// region only those inside. Threads hold 2 MiB of samples each, or a row if that is more.
 ///
 /// # Errors
 /// The volume's own, and the region's; [`crate::Error::Interrupted`].
@@ -162,7 +162,9 @@ impl Pass<'_> {
         merge: impl Fn(A, A) -> A + Send + Sync,
     ) -> Result<A> {
         let add = |sum: &mut A, piece: &Piece, samples: &[T]| {
-            for_each_inside(self.region, piece, samples, |inside| add(sum, inside))
+            for_each_inside(self.volume, self.region, piece, samples, |inside| {
+                add(sum, inside)
+            })
         };
         self.walk.fold(self.volume, self.progress, new, add, merge)
     }
@@ -185,7 +187,9 @@ impl Pass<'_> {
             counts[rank(bits)] = n;
         }
         let voxels = counts.iter().sum();
-        // neither a volume nor a region is empty
+        if voxels == 0 {
+            return Ok(describe(Range::default(), None));
+        }
         let first = counts.iter().position(|&n| n > 0).unwrap_or(0);
         let last = counts.iter().rposition(|&n| n > 0).unwrap_or(0);
         let levels = Levels {

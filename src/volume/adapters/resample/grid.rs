@@ -168,7 +168,7 @@ impl Grid {
         let fill = match self.fill.is_nan() {
             true => "no value (NaN)".to_owned(),
             false => format!(
-                "{}, which counts in the histogram and for thresholds by rule: give a number, or --roi mask:FILE",
+                "{}, which histogram and thresholds by rule leave out",
                 self.fill
             ),
         };

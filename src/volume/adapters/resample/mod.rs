@@ -86,6 +86,18 @@ impl<'a> Resampled<'a> {
         Ok(())
     }
 
+    /// The pixel of a slice, along x and y, at the grid's first voxel; its rows lean besides.
+    fn shift(&self, slice: u32) -> [f64; 2] {
+        let aside = self.grid.places[slice as usize].aside;
+        [0, 1].map(|a| self.grid.start[a] - aside[a])
+    }
+
+    /// The pixel of row `v` of a slice at the grid's first voxel.
+    fn left_of(&self, v: f64, slice: u32) -> f64 {
+        let rows = self.inner.header().dims.0[1];
+        self.shift(slice)[0] - self.grid.lean * v.clamp(0.0, f64::from(rows - 1))
+    }
+
     /// The pixels of a part of a slice, row by row.
     fn pixels<T: Voxel>(
         &self,
@@ -110,19 +122,11 @@ impl<'a> Resampled<'a> {
         sums: &mut [f64],
     ) -> Result<()> {
         let SliceShare { slice, share } = of;
-        let Grid {
-            places,
-            lean,
-            start,
-            fill,
-            ..
-        } = &self.grid;
+        let fill = &self.grid.fill;
         let [nx, ny, _] = self.inner.header().dims.0.map(|n| n as usize);
-        let aside = places[slice as usize].aside;
-        let shift = [0, 1].map(|a| start[a] - aside[a]);
-        let row_at = |j: u32| f64::from(j) + shift[1];
-        // the pixel of a row at the grid's first
-        let left_of = |v: f64| shift[0] - lean * v.clamp(0.0, (ny - 1) as f64);
+        let below = self.shift(slice)[1];
+        let row_at = |j: u32| f64::from(j) + below;
+        let left_of = |v: f64| self.left_of(v, slice);
         let span = |low: f64, high: f64, n: usize| {
             let [low, high] = [low.floor(), high.ceil() + 1.0];
             low.clamp(0.0, n as f64) as u32..high.clamp(0.0, n as f64) as u32
@@ -159,6 +163,28 @@ impl<'a> Resampled<'a> {
             }
         }
         Ok(())
+    }
+}
+
+impl Resampled<'_> {
+    /// The voxels of row `y` of the grid that lie inside of a slice.
+    fn row_inside(&self, y: u32, slice: u32) -> Range<u32> {
+        let [nx, ny, _] = self.inner.header().dims.0.map(|n| n as usize);
+        let at = f64::from(y) + self.shift(slice)[1];
+        if between(at, ny).is_none() {
+            return 0..0;
+        }
+        let left = self.left_of(at, slice);
+        // a voxel more on either side than the rounded sums say
+        let near = |x: f64| x.clamp(0.0, f64::from(self.grid.size[0])) as u32;
+        let from = near((-left).floor() - 1.0);
+        let to = near((nx as f64 - left).ceil() + 1.0);
+        let is_inside = |x: &u32| between(f64::from(*x) + left, nx).is_some();
+        let mut inside = (from..to).filter(is_inside);
+        let first = inside.next().unwrap_or(0);
+        // inside is one stretch
+        let last = (from..to).rev().find(is_inside);
+        first..last.map_or(first, |x| x + 1)
     }
 }
 
@@ -210,6 +236,14 @@ impl Volume for Resampled<'_> {
 
     fn mapped_bytes(&self, z: Range<u32>) -> u64 {
         self.inner.mapped_bytes(self.grid.slices(z))
+    }
+
+    /// Those that no fill has a share in.
+    fn measured(&self, y: u32, z: u32) -> Option<Range<u32>> {
+        let of = self.grid.between(z).into_iter().filter(|of| of.share > 0.0);
+        of.map(|of| self.row_inside(y, of.slice))
+            .reduce(|a, b| a.start.max(b.start)..a.end.min(b.end))
+            .map(|x| x.start..x.end.max(x.start))
     }
 
     fn prefetch(&self, z: Range<u32>) {
@@ -311,6 +345,14 @@ mod tests {
             let mut bytes = vec![0; volume.header.dims.voxels() as usize * 8];
             volume.read_box(0..nx, 0..ny, 0..nz, &mut bytes).unwrap();
             let found: Vec<f64> = bytemuck::pod_collect_to_vec(&bytes);
+            // what is told to be measured is what no fill has a share in
+            for (row, values) in found.chunks_exact(nx as usize).enumerate() {
+                let (y, z) = (row as u32 % ny, row as u32 / ny);
+                let measured = volume.measured(y, z).unwrap();
+                for (x, value) in (0..).zip(values) {
+                    assert_eq!(measured.contains(&x), !value.is_nan(), "{x} {y} {z}");
+                }
+            }
             let mut inside = 0;
             // the exact place of a voxel of the grid among those of the volume
             let back = glam::DMat3::from_cols_array_2d(&place.directions)
@@ -330,5 +372,45 @@ mod tests {
             }
             assert!(inside > 40, "{inside}");
         }
+    }
+
+    /// Bytes of a grid with rows beside its slices, through all that can lie around it.
+    #[test]
+    fn what_fills_the_grid_up_is_not_counted() {
+        use crate::grid::{Crop, Filter};
+        use crate::progress::Quiet;
+        use crate::volume::{Cropped, filtered, measured_voxels, statistics};
+        let dims = Dims::new([8, 8, 6]).unwrap();
+        let unit = |v: [f64; 3]| DVec3::from(v).normalize().into();
+        let place = Placement {
+            directions: [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.5, 0.5, 1.0]].map(unit),
+            ..Placement::default()
+        };
+        let values: Vec<i16> = (0..384).map(|i| 10 + i % 50).collect();
+        let resampled = || {
+            let inner = MemoryVolume::new(dims, place, values.clone()).unwrap();
+            let grid = Grid::upright(Path::new("v"), place, dims, fill(Dtype::I16)).unwrap();
+            let placement = grid.placement;
+            Box::new(Resampled::new(Box::new(inner), grid, placement).unwrap())
+        };
+        let count = |volume: &dyn Volume| {
+            let found = statistics(volume, None, &Quiet).unwrap();
+            let [low, high] = found.range.unwrap();
+            assert!(low >= 10.0 && high < 60.0, "{low} {high}");
+            assert_eq!(found.voxels, measured_voxels(volume));
+            assert!(found.voxels < volume.header().dims.voxels());
+            found.voxels
+        };
+        let all = count(&*resampled());
+        assert!((200..384).contains(&all), "{all}");
+        let [nx, ny, nz] = resampled().header.dims.0;
+        let crop = Crop {
+            x: 1..nx,
+            y: 2..ny,
+            z: 1..nz,
+        };
+        assert!(count(&*Cropped::part(resampled(), Some(&crop)).unwrap()) < all);
+        let halves = Filter::Downsample { factor: 2 };
+        assert!(8 * count(&*filtered(&halves, resampled()).unwrap()) <= all);
     }
 }
