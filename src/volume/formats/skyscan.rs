@@ -101,8 +101,9 @@ impl Log {
                 .map(|(_, value)| *value)
         };
         let number = |key: &str| {
-            get(key)?
-                .parse::<f64>()
+            // a comma is what some countries write; groups of thousands are in no log
+            let text = get(key)?.replacen(',', ".", 1);
+            text.parse::<f64>()
                 .ok()
                 .filter(|n| n.is_finite() && *n > 0.0)
         };
@@ -189,6 +190,8 @@ mod tests {
             (log.pixel, log.step, log.size),
             (17.51, 2.0, [Some(28), None])
         );
+        let comma = Log::parse("a.log", "[Reconstruction]\nPixel Size (um)=6,840\n");
+        assert_eq!(comma.unwrap().pixel, 6.84);
         let file = |step: f64, names: [&str; 2]| {
             let dir = tempfile::tempdir().unwrap();
             let log = dir.path().join("a__rec.log");

@@ -168,7 +168,7 @@ impl Grid {
         let fill = match self.fill.is_nan() {
             true => "no value (NaN)".to_owned(),
             false => format!(
-                "{}, which histogram and thresholds by rule leave out",
+                "{}, which histogram and thresholds by rule leave out, but porosity does not",
                 self.fill
             ),
         };

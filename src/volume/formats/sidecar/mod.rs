@@ -40,15 +40,34 @@ struct Sidecar<'a> {
     dims: Dims,
 }
 
+/// The file, or the only one beside it whose name differs in the case of letters alone: programs of Windows take both for
+/// the same.
+fn as_there(file: &Path) -> Option<PathBuf> {
+    if file.is_file() {
+        return Some(file.to_path_buf());
+    }
+    let name = file.file_name()?.to_str()?;
+    let dir = file.parent().filter(|dir| *dir != Path::new(""));
+    let beside = std::fs::read_dir(dir.unwrap_or(Path::new(".")));
+    let beside = beside.ok()?.flatten();
+    let alike = |entry: &std::fs::DirEntry| {
+        let other = entry.file_name();
+        other.to_str().is_some_and(|o| o.eq_ignore_ascii_case(name)) && entry.path().is_file()
+    };
+    let mut alike = beside.filter(alike);
+    let only = alike.next()?.path();
+    alike.next().is_none().then_some(only)
+}
+
 impl<'a> Sidecar<'a> {
-    /// Samples in the first of these files that is there.
+    /// Samples in the first of these files that is there, its name in small or large letters.
     ///
     /// # Errors
     /// [`Error::Format`] if none is, or if sizes are out of range.
     fn new(path: &'a Path, files: Vec<PathBuf>, sizes: [u64; 3]) -> Result<Self> {
         let dims = Dims::new(sizes).map_err(|e| e.of_header(path, "a volume"))?;
         let expected = files.first().map(|file| file.display().to_string());
-        match files.into_iter().find(|file| file.is_file()) {
+        match files.iter().find_map(|file| as_there(file)) {
             Some(file) => Ok(Sidecar {
                 path,
                 file,

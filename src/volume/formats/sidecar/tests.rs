@@ -198,3 +198,17 @@ fn the_file_with_the_samples_says_which_header_to_give() {
         );
     }
 }
+
+#[test]
+fn samples_are_found_whatever_the_case_of_their_name() {
+    let dir = tempfile::tempdir().unwrap();
+    let header = dir.path().join("K.vol.info");
+    std::fs::write(&header, ESRF).unwrap();
+    std::fs::write(dir.path().join("K.VOL"), vec![1; 4 * VOXELS]).unwrap();
+    let opened = open(&header, &OpenOptions::default()).unwrap();
+    assert!(opened.files[0].ends_with("K.VOL"), "{:?}", opened.files);
+    // which of two is meant is not guessed
+    std::fs::write(dir.path().join("k.Vol"), vec![1; 4 * VOXELS]).unwrap();
+    let error = open(&header, &OpenOptions::default()).unwrap_err();
+    assert!(error.to_string().contains("without samples"), "{error}");
+}
