@@ -4,6 +4,7 @@ mod active_cubes;
 mod assign_pieces;
 mod caps;
 pub mod case_table;
+mod cell_numbers;
 mod chords;
 mod edges;
 mod mesher;

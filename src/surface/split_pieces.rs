@@ -8,12 +8,11 @@
 use crate::labels::BandCells;
 use crate::strip::{NONE, STRIDE, Triangle};
 use crate::surface::assign_pieces::{Piece, VertexAssignment};
+use crate::surface::cell_numbers::CellNumbers;
 use crate::surface::edges::Edges;
 use crate::surface::mesher::{BandView, CellsView, Sizes, TileBox, TileMesh, room};
 use crate::surface::vertex_shares::{LAST, Shares};
-use foldhash::fast::RandomState;
 use std::cmp::Reverse;
-use std::collections::HashMap;
 use std::ops::Range;
 
 /// Bytes of buffers for each crossed edge of a tile whose pieces may be split: what is known of its vertex, of its two
@@ -23,22 +22,27 @@ pub const BYTES_PER_SPLIT_VERTEX: u64 = 128;
 /// Splits pieces; its buffers are used again from tile to tile. What they take follows vertices, triangles and parts.
 ///
 /// Triangles and vertices are gone through in their order, which is that of places: what is asked of one's neighbours is
-/// near then. Few vertices are in several parts, and only these need more than one number.
+/// near then, and those of a part come in long stretches. Nearly all triangles have three vertices of one cell. Vertices
+/// of the others may be in several parts, and only these need more than one number.
 #[derive(Debug, Default)]
 pub struct PieceSplitter {
-    /// What is known of the edge of each vertex.
-    ends: Vec<End>,
+    /// The lattice key of each vertex.
+    key_of_vertex: Vec<u64>,
+    /// The number of the cell at the below end of the edge of each vertex, with [`NEXT_TILE`].
+    cell_of_vertex: Vec<u32>,
     cells: CellNumbers,
     /// Of each cell the part that was begun last for it.
     part_of_cell: Vec<u32>,
     /// Of each vertex the only part that has it, or [`NO_PART`], or [`SEVERAL`].
     part_of_vertex: Vec<u32>,
-    /// Of each vertex its number in its part; of those that several parts have, the first of its `shares`.
+    /// Of each vertex its number in its part; of those that several parts may have, the first of its `shares`.
     vertex_of: Vec<u32>,
-    /// The vertices of several parts.
+    /// The vertices that several parts may have.
     shares: Shares,
-    /// Of each triangle, piece by piece, its part and its number in that, from 1.
-    places: Vec<[u32; 2]>,
+    /// Of each triangle, piece by piece, its part.
+    part_of_triangle: Vec<u32>,
+    /// Of each triangle, piece by piece, its number in its part, from 1.
+    number_of_triangle: Vec<u32>,
     /// The parts of all pieces. Those of a piece stand by their first triangles until all are filled, then by their cells.
     parts: Vec<Piece>,
     vertices: PartVertices,
@@ -47,43 +51,10 @@ pub struct PieceSplitter {
 
 /// No part has the vertex.
 const NO_PART: u32 = u32::MAX;
-/// More than one part has the vertex.
+/// The vertex has a triangle with vertices of several cells: more than one part may have it.
 const SEVERAL: u32 = u32::MAX - 1;
 /// Marks a vertex that the next tile counts, beside the number of its cell.
 const NEXT_TILE: u32 = 1 << 31;
-
-/// Numbers of the different cells of a tile, in any order.
-#[derive(Debug, Default)]
-struct CellNumbers {
-    number_of: HashMap<u64, u32, RandomState>,
-    ids: Vec<u64>,
-    /// The one that was asked for last.
-    last: Option<(u64, u32)>,
-}
-
-impl CellNumbers {
-    fn clear(&mut self) {
-        self.number_of.clear();
-        self.ids.clear();
-        self.last = None;
-    }
-
-    /// The number of a cell, which may be new.
-    fn number(&mut self, id: u64) -> u32 {
-        match self.last {
-            Some((last, number)) if last == id => number,
-            _ => {
-                let next = self.ids.len() as u32;
-                let number = *self.number_of.entry(id).or_insert(next);
-                if number == next {
-                    self.ids.push(id);
-                }
-                self.last = Some((id, number));
-                number
-            }
-        }
-    }
-}
 
 /// The vertices of all parts.
 #[derive(Debug, Default)]
@@ -104,34 +75,16 @@ impl PartVertices {
     }
 
     /// Adds a vertex to the part `number`; returns its number there.
-    fn place(&mut self, part: &Piece, number: u32, vectors: [[f32; 3]; 2]) -> u32 {
+    #[inline(always)]
+    fn place(&mut self, part: &Piece, number: u32, position: [f32; 3], normal: [f32; 3]) -> u32 {
         let count = &mut self.counts[number as usize];
-        let at = part.first_vertex + *count;
+        let own = *count;
         *count += 1;
-        for (all, vector) in self.vectors.iter_mut().zip(vectors) {
-            all[at as usize] = vector;
-        }
-        at - part.first_vertex
-    }
-}
-
-/// What is known of a vertex by the lattice edge that it lies on.
-#[derive(Debug, Clone, Copy, Default)]
-struct End {
-    /// The key of the edge.
-    key: u64,
-    /// The number of the cell at the below end of the edge, with [`NEXT_TILE`].
-    cell: u32,
-}
-
-impl End {
-    fn cell(self) -> u32 {
-        self.cell & !NEXT_TILE
-    }
-
-    /// Whether this tile counts the vertex.
-    fn is_counted(self) -> bool {
-        self.cell & NEXT_TILE == 0
+        let at = (part.first_vertex + own) as usize;
+        let [positions, normals] = &mut self.vectors;
+        positions[at] = position;
+        normals[at] = normal;
+        own
     }
 }
 
@@ -161,10 +114,11 @@ impl PieceSplitter {
         self.find_ends(view, tile, cells.of_voxels, found);
         let mut any = false;
         for piece in &mut out.pieces {
-            let ends = &self.ends[piece.first_vertex as usize..][..piece.vertices as usize];
-            let first = ends.first().map_or(0, |end| end.cell());
-            piece.given = ends.first().map_or(0, |_| self.cells.ids[first as usize]);
-            any |= ends.iter().any(|end| end.cell() != first);
+            let cells = &self.cell_of_vertex[vertices(piece)];
+            if let Some(first) = cells.first().map(|cell| cell & !NEXT_TILE) {
+                piece.given = self.cells.ids[first as usize];
+                any |= cells.iter().any(|cell| cell & !NEXT_TILE != first);
+            }
         }
         if !any {
             return Ok(());
@@ -199,8 +153,8 @@ impl PieceSplitter {
         (edges, assigned): (&Edges, &VertexAssignment),
     ) {
         self.cells.clear();
-        self.ends.clear();
-        self.ends.resize(edges.count(), End::default());
+        room(&mut self.key_of_vertex, edges.count(), 0);
+        room(&mut self.cell_of_vertex, edges.count(), 0);
         let span = &view.bits.span;
         let [first_x, first_y, first_z] = tile.first_cube;
         let band_row = |y: usize, z: usize| {
@@ -227,10 +181,9 @@ impl PieceSplitter {
                         let place = [x as usize, y, z];
                         let shared = (0..3).any(|a| a != axis && tile.shares_upper(a, place[a]));
                         let cell = self.cells.number(cells.at(row, below[0] + first_x));
-                        self.ends[vertex as usize] = End {
-                            key: key + 3 * u64::from(x) + axis as u64,
-                            cell: cell | if shared { NEXT_TILE } else { 0 },
-                        };
+                        self.key_of_vertex[vertex as usize] = key + 3 * u64::from(x) + axis as u64;
+                        self.cell_of_vertex[vertex as usize] =
+                            cell | if shared { NEXT_TILE } else { 0 };
                         number += 1;
                     }
                 }
@@ -242,58 +195,78 @@ impl PieceSplitter {
     /// where its parts end.
     fn find_parts(&mut self, mesh: &TileMesh) -> Vec<u32> {
         self.parts.clear();
-        self.places.clear();
+        self.part_of_triangle.clear();
+        self.number_of_triangle.clear();
         self.shares.clear();
         self.part_of_cell.clear();
         self.part_of_cell.resize(self.cells.ids.len(), NO_PART);
+        let vertices = mesh.chunk.vertices();
         self.part_of_vertex.clear();
-        self.part_of_vertex.resize(self.ends.len(), NO_PART);
+        self.part_of_vertex.resize(vertices, NO_PART);
         self.vertex_of.clear();
-        self.vertex_of.resize(self.ends.len(), LAST);
+        self.vertex_of.resize(vertices, LAST);
         let positions = mesh.chunk.numbers().as_chunks::<3>().0;
         let mut ends_of_parts = Vec::with_capacity(mesh.pieces.len());
         for piece in &mesh.pieces {
             let faces = &mesh.triangles[piece.faces()][1..];
-            let own = self.places.len();
-            self.part_triangles(piece, faces);
-            self.share_vertices(piece, faces, own, positions);
-            self.count_vertices(piece);
+            let (triangles, parts) = (self.part_of_triangle.len(), self.parts.len());
+            if self.part_triangles(piece, faces) {
+                self.share_vertices(piece, faces, triangles, positions);
+            }
+            self.count_vertices(piece, parts);
             ends_of_parts.push(self.parts.len() as u32);
         }
         ends_of_parts
     }
 
-    /// Gives each triangle of a piece to the part of its cell.
-    fn part_triangles(&mut self, piece: &Piece, faces: &[Triangle]) {
+    /// Gives each triangle of a piece to the part of its cell, and marks the vertices of those that have several. Returns
+    /// whether there are such.
+    fn part_triangles(&mut self, piece: &Piece, faces: &[Triangle]) -> bool {
         let before = self.parts.len();
-        let own = piece.first_vertex as usize..(piece.first_vertex + piece.vertices) as usize;
-        let ends = &self.ends[own.clone()];
+        let own = vertices(piece);
+        let (cells, keys) = (
+            &self.cell_of_vertex[own.clone()],
+            &self.key_of_vertex[own.clone()],
+        );
         let part_of_vertex = &mut self.part_of_vertex[own];
+        let mut any = false;
+        let (mut last, mut part, mut count) = (None, 0, 0);
         for triangle in faces {
             let corners = triangle.corners().map(|v| v as usize);
-            let cell = cell(corners.map(|v| ends[v]));
-            let known = &mut self.part_of_cell[cell as usize];
-            if *known == NO_PART || (*known as usize) < before {
-                *known = self.parts.len() as u32;
-                let mut part = Piece::new(piece.object, piece.cell);
-                part.given = self.cells.ids[cell as usize];
-                self.parts.push(part);
+            let of = corners.map(|v| cells[v] & !NEXT_TILE);
+            let mut cell = of[0];
+            if of[1] != cell || of[2] != cell {
+                any = true;
+                cell = cell_of_lowest(of, corners.map(|v| keys[v]));
+                for v in corners {
+                    part_of_vertex[v] = SEVERAL;
+                }
             }
-            let part = *known;
-            let count = &mut self.parts[part as usize].triangles;
-            *count += 1;
-            self.places.push([part, *count]);
-            for v in corners {
-                let known = &mut part_of_vertex[v];
-                *known = match *known == NO_PART || *known == part {
-                    true => part,
-                    false => SEVERAL,
-                };
+            if last != Some(cell) {
+                if last.replace(cell).is_some() {
+                    self.parts[part as usize].triangles = count;
+                }
+                let known = &mut self.part_of_cell[cell as usize];
+                if *known == NO_PART || (*known as usize) < before {
+                    *known = self.parts.len() as u32;
+                    let mut part = Piece::new(piece.object, piece.cell);
+                    part.given = self.cells.ids[cell as usize];
+                    self.parts.push(part);
+                }
+                part = *known;
+                count = self.parts[part as usize].triangles;
             }
+            count += 1;
+            self.part_of_triangle.push(part);
+            self.number_of_triangle.push(count);
         }
+        if last.is_some() {
+            self.parts[part as usize].triangles = count;
+        }
+        any
     }
 
-    /// Lists the parts of each vertex of a piece that several of them have; `own` is the place of its first triangle.
+    /// Lists the parts of each marked vertex of a piece; `own` is the place of its first triangle.
     fn share_vertices(
         &mut self,
         piece: &Piece,
@@ -302,38 +275,42 @@ impl PieceSplitter {
         positions: &[[f32; 3]],
     ) {
         let first = piece.first_vertex as usize;
-        for (triangle, &[part, _]) in faces.iter().zip(&self.places[own..]) {
+        for (triangle, &part) in faces.iter().zip(&self.part_of_triangle[own..]) {
             let corners = triangle.corners().map(|v| first + v as usize);
-            if corners.iter().all(|&v| self.part_of_vertex[v] != SEVERAL) {
+            let marked = corners.map(|v| self.part_of_vertex[v] == SEVERAL);
+            if marked == [false; 3] {
                 continue;
             }
             let cube = cube(corners.map(|v| positions[v]));
-            for v in corners
-                .into_iter()
-                .filter(|&v| self.part_of_vertex[v] == SEVERAL)
-            {
-                self.shares.add(&mut self.vertex_of[v], part, cube);
+            for (v, is_marked) in corners.into_iter().zip(marked) {
+                if is_marked {
+                    self.shares.add(&mut self.vertex_of[v], part, cube);
+                }
             }
         }
     }
 
-    /// Counts the vertices of the parts of a piece, and finds their smallest keys.
-    fn count_vertices(&mut self, piece: &Piece) {
+    /// Finds the part of each vertex of a piece, counts the vertices of its parts, which begin at `before`, and finds their
+    /// smallest keys.
+    fn count_vertices(&mut self, piece: &Piece, before: usize) {
         let parts = &mut self.parts;
-        let mut add = |part: u32, end: End| {
+        let mut add = |part: u32, key: u64| {
             let part = &mut parts[part as usize];
             part.vertices += 1;
-            part.key = part.key.min(end.key);
+            part.key = part.key.min(key);
         };
-        for v in (piece.first_vertex..).take(piece.vertices as usize) {
-            let v = v as usize;
-            match self.part_of_vertex[v] {
-                NO_PART => {}
-                SEVERAL => self
-                    .shares
-                    .of(self.vertex_of[v])
-                    .for_each(|share| add(share.part, self.ends[v])),
-                part => add(part, self.ends[v]),
+        for v in vertices(piece) {
+            let key = self.key_of_vertex[v];
+            if self.part_of_vertex[v] == SEVERAL {
+                let shares = self.shares.of(self.vertex_of[v]);
+                shares.for_each(|share| add(share.part, key));
+                continue;
+            }
+            // all of its triangles have three vertices of its cell
+            let part = self.part_of_cell[(self.cell_of_vertex[v] & !NEXT_TILE) as usize];
+            if part != NO_PART && part as usize >= before {
+                self.part_of_vertex[v] = part;
+                add(part, key);
             }
         }
     }
@@ -370,9 +347,9 @@ impl PieceSplitter {
         let mut own = 0;
         for piece in &mesh.pieces {
             self.place_vertices(piece, mesh);
-            let places = own..own + piece.triangles as usize;
-            own = places.end;
-            self.place_triangles(piece, places, tile, mesh);
+            let triangles = own..own + piece.triangles as usize;
+            own = triangles.end;
+            self.place_triangles(piece, triangles, tile, mesh);
         }
         self.parts.sort_unstable_by_key(|part| part.first_triangle);
     }
@@ -380,10 +357,9 @@ impl PieceSplitter {
     /// Numbers the vertices of a piece in their parts, and counts those that this tile counts.
     fn place_vertices(&mut self, piece: &Piece, mesh: &TileMesh) {
         let (positions, normals) = mesh.chunk.numbers().split_at(3 * mesh.chunk.vertices());
-        let from = [positions, normals].map(|numbers| numbers.as_chunks::<3>().0);
-        for v in piece.first_vertex as usize..(piece.first_vertex + piece.vertices) as usize {
-            let counted = u64::from(self.ends[v].is_counted());
-            let vectors = from.map(|vectors| vectors[v]);
+        let [positions, normals] = [positions, normals].map(|numbers| numbers.as_chunks::<3>().0);
+        for v in vertices(piece) {
+            let counted = u64::from(self.cell_of_vertex[v] & NEXT_TILE == 0);
             match self.part_of_vertex[v] {
                 NO_PART => {}
                 SEVERAL => {
@@ -393,19 +369,18 @@ impl PieceSplitter {
                         .shares
                         .of(list)
                         .max_by_key(|s| (s.cube, Reverse(self.parts[s.part as usize].given)));
-                    let with = last.expect("several parts").part;
+                    let with = last.expect("a part at least").part;
                     self.parts[with as usize].sums.vertices += counted;
                     let place = |part| {
-                        self.vertices
-                            .place(&self.parts[part as usize], part, vectors)
+                        let of = &self.parts[part as usize];
+                        self.vertices.place(of, part, positions[v], normals[v])
                     };
                     self.shares.number(list, place);
                 }
                 part => {
-                    self.parts[part as usize].sums.vertices += counted;
-                    self.vertex_of[v] =
-                        self.vertices
-                            .place(&self.parts[part as usize], part, vectors);
+                    let of = &mut self.parts[part as usize];
+                    of.sums.vertices += counted;
+                    self.vertex_of[v] = self.vertices.place(of, part, positions[v], normals[v]);
                 }
             }
         }
@@ -422,38 +397,55 @@ impl PieceSplitter {
         let first = piece.first_vertex as usize;
         let faces = &mesh.triangles[piece.faces()][1..];
         let positions = &mesh.chunk.numbers().as_chunks::<3>().0[first..];
-        let places = &self.places[own];
-        for (triangle, &[part, number]) in faces.iter().zip(places) {
-            let corners = triangle.corners().map(|v| {
-                let v = first + v as usize;
-                match self.part_of_vertex[v] == SEVERAL {
-                    true => self.shares.number_in(self.vertex_of[v], part),
-                    false => self.vertex_of[v],
+        let part_of = &self.part_of_triangle[own.clone()];
+        let numbers = &self.number_of_triangle[own];
+        let of_vertices = vertices(piece);
+        let part_of_vertex = &self.part_of_vertex[of_vertices.clone()];
+        let vertex_of = &self.vertex_of[of_vertices];
+        for (triangle, (&part, &number)) in faces.iter().zip(part_of.iter().zip(numbers)) {
+            let corners = triangle.corners().map(|v| v as usize);
+            let mate = |mate: u32| match mate {
+                NONE => NONE,
+                _ => STRIDE * numbers[(mate / STRIDE) as usize - 1] + mate % STRIDE,
+            };
+            // all around its vertices is of its part
+            let is_inner = corners.map(|v| part_of_vertex[v] != SEVERAL) == [true; 3];
+            let (corners, mates) = match is_inner {
+                true => (corners.map(|v| vertex_of[v]), triangle.mates.map(mate)),
+                false => {
+                    let number = |v: usize| match part_of_vertex[v] {
+                        SEVERAL => self.shares.number_in(vertex_of[v], part),
+                        _ => vertex_of[v],
+                    };
+                    // across the border of a part is none
+                    let is_own = |m: u32| m != NONE && part_of[(m / STRIDE) as usize - 1] == part;
+                    let own = |m: u32| if is_own(m) { mate(m) } else { NONE };
+                    (corners.map(number), triangle.mates.map(own))
                 }
-            });
-            // across the border of a part is none
-            let mates = triangle.mates.map(|mate| {
-                if mate == NONE {
-                    return NONE;
-                }
-                let [other, place] = places[(mate / STRIDE) as usize - 1];
-                match other == part {
-                    true => STRIDE * place + mate % STRIDE,
-                    false => NONE,
-                }
-            });
+            };
             let part = &mut self.parts[part as usize];
-            part.sums.border_edges += on_border(triangle, positions, tile);
+            if triangle.mates.contains(&NONE) {
+                part.sums.border_edges += on_border(triangle, positions, tile);
+            }
             self.triangles[(part.first_triangle + number) as usize] = Triangle::new(corners, mates);
         }
     }
 }
 
-/// The number of the cell of a triangle: that of its vertex with the smallest key.
-fn cell([a, b, c]: [End; 3]) -> u32 {
-    let lower = if b.key < a.key { b } else { a };
-    let lowest = if c.key < lower.key { c } else { lower };
-    lowest.cell()
+/// The places of the vertices of a piece.
+fn vertices(piece: &Piece) -> Range<usize> {
+    let first = piece.first_vertex as usize;
+    first..first + piece.vertices as usize
+}
+
+/// Of the cells of three vertices that of the one with the smallest key.
+fn cell_of_lowest([a, b, c]: [u32; 3], keys: [u64; 3]) -> u32 {
+    let (lower, key) = if keys[1] < keys[0] {
+        (b, keys[1])
+    } else {
+        (a, keys[0])
+    };
+    if keys[2] < key { c } else { lower }
 }
 
 /// The cube of a triangle by its corners, in voxels: z, y and x, 21 bits each.

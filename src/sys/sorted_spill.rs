@@ -5,6 +5,7 @@ use crate::sys::spill_file::{Place, SpillFile};
 use bytemuck::Pod;
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
+use std::collections::binary_heap::PeekMut;
 use std::path::Path;
 
 /// What is sorted by.
@@ -25,7 +26,9 @@ pub struct Sorter<T> {
 
 /// A part that is being read.
 struct Part<T> {
-    records: std::vec::IntoIter<T>,
+    /// Some of it, read into the same memory each time, and the next one of these.
+    records: Vec<T>,
+    next: usize,
     /// Where the rest begins and how long it is.
     rest: [u64; 2],
 }
@@ -87,9 +90,12 @@ impl<T: Keyed> Sorter<T> {
             return self.buffer.into_iter().try_for_each(each);
         }
         self.spill()?;
+        self.file.mark()?;
+        self.buffer = Vec::new();
         let block = (self.room / self.parts.len()).max(1);
         let start = |place: &Place<T>| Part {
-            records: Vec::new().into_iter(),
+            records: Vec::new(),
+            next: 0,
             rest: place.numbers(),
         };
         let mut parts: Vec<Part<T>> = self.parts.iter().map(start).collect();
@@ -97,27 +103,34 @@ impl<T: Keyed> Sorter<T> {
         let mut heads = BinaryHeap::new();
         let mut next: Vec<Option<T>> = vec![None; parts.len()];
         for (i, part) in parts.iter_mut().enumerate() {
-            next[i] = part.next(&mut self.file, block)?;
+            next[i] = part.next(&self.file, block)?;
             heads.extend(next[i].map(|record| Reverse((record.key(), i))));
         }
-        while let Some(Reverse((_, i))) = heads.pop() {
+        while let Some(mut head) = heads.peek_mut() {
+            let Reverse((_, i)) = *head;
             each(next[i].take().expect("it has a key"))?;
-            next[i] = parts[i].next(&mut self.file, block)?;
-            heads.extend(next[i].map(|record| Reverse((record.key(), i))));
+            next[i] = parts[i].next(&self.file, block)?;
+            match next[i] {
+                Some(record) => *head = Reverse((record.key(), i)),
+                None => drop(PeekMut::pop(head)),
+            }
         }
         Ok(())
     }
 }
 
 impl<T: Keyed> Part<T> {
-    fn next(&mut self, file: &mut SpillFile, block: usize) -> Result<Option<T>> {
+    fn next(&mut self, file: &SpillFile, block: usize) -> Result<Option<T>> {
         let [offset, len] = self.rest;
-        if self.records.len() == 0 && len > 0 {
+        if self.next == self.records.len() && len > 0 {
             let some = len.min(block as u64);
-            self.records = file.get(&Place::new(offset, some as usize))?.into_iter();
+            self.records.resize(some as usize, T::zeroed());
+            file.read_into(offset, bytemuck::cast_slice_mut(&mut self.records))?;
             self.rest = [offset + some * size_of::<T>() as u64, len - some];
+            self.next = 0;
         }
-        Ok(self.records.next())
+        self.next += 1;
+        Ok(self.records.get(self.next - 1).copied())
     }
 }
 
