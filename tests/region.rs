@@ -6,8 +6,10 @@ mod common;
 use alvis::convert::{ConvertOptions, RegionOfInterest};
 use alvis::grid::{Ambiguous, Crop, Cylinder, Dims, Fill, Shape};
 use alvis::progress::Quiet;
+use alvis::split::NeckRule;
 use alvis::verify::{Code, VerifyOptions, verify};
 use alvis::volume::{Cropped, Filled, MemoryVolume, RegionVoxels, Volume, fill_value};
+use common::seal::seal;
 use common::set::{Table, manifest, table, weld};
 use common::volumes::{Random, foam, noise, samples, volume};
 use common::{assert_same_files, converted, files, options, reference, verified};
@@ -252,6 +254,67 @@ proptest! {
     #[test]
     fn it_is_the_same_as_filling_the_volume_beforehand(case in cases()) {
         check(&case)?;
+    }
+}
+
+/// Cells that are split are cut as components are, and where one goes on in another outside of the region: the verifier
+/// finds by itself which are, voxel by voxel, and what is stated otherwise.
+fn check_split(case: &Case) -> Result<(), TestCaseError> {
+    let temp = tempfile::tempdir().unwrap();
+    let whole = volume(case.dims, case.samples());
+    let (shape, voxels) = case.region(temp.path());
+    let value = fill_value(&whole, &voxels, 128.0, case.fill, &Quiet).unwrap();
+    let region = RegionOfInterest::new(shape, voxels.clone(), None, case.fill, value).unwrap();
+    let split = ConvertOptions {
+        ambiguous: case.rule,
+        region: Some(region),
+        split: Some(NeckRule {
+            ratio_permille: 900,
+            h_256: 0,
+            min_radius_256: 0,
+        }),
+        ..options([4, 5, 3])
+    };
+    let (out, _) = converted(&whole, &split);
+    let against = Filled::new(Box::new(&whole), voxels.clone(), value).unwrap();
+    let options = VerifyOptions {
+        against: Some(&against),
+        region: Some(&voxels),
+        ..VerifyOptions::default()
+    };
+    let report = verify(out.path(), &options, &Quiet).unwrap();
+    prop_assert!(report.ok, "{:#?}", report.issues);
+    let path = out.path().join("cells.csv");
+    let text = std::fs::read_to_string(&path).unwrap();
+    let names: Vec<&str> = text.lines().next().unwrap().split(',').collect();
+    let border = names.iter().position(|name| *name == "touches_border");
+    let other = |(row, line): (usize, &str)| {
+        let mut fields: Vec<&str> = line.split(',').collect();
+        if row > 0 {
+            let field = &mut fields[border.unwrap()];
+            *field = if *field == "1" { "0" } else { "1" };
+        }
+        fields.join(",") + "\n"
+    };
+    let turned: String = text.lines().enumerate().map(other).collect();
+    std::fs::write(&path, turned).unwrap();
+    seal(out.path());
+    let report = verify(out.path(), &options, &Quiet).unwrap();
+    let found = report
+        .issues
+        .iter()
+        .filter(|issue| issue.message.contains("by its voxels it is"));
+    let cells = text.lines().count() - 1;
+    prop_assert_eq!(found.count() > 0, cells > 0, "{:#?}", report.issues);
+    Ok(())
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig { cases: 60, ..ProptestConfig::default() })]
+
+    #[test]
+    fn cells_that_are_split_are_cut_too(case in cases()) {
+        check_split(&case)?;
     }
 }
 

@@ -40,7 +40,9 @@ pub use kept_rows::{NeededRows, RowKinds, RowStretch};
 pub use label_band::{Labels, LocalComponent, label_runs, sum_voxels};
 pub use provisional::{ProvisionalLabels, Ranks};
 pub use read_labels::LabelSums;
-pub use region_edge::{InsideBand, for_each_region_edge, note_outside, note_region_edge};
+pub use region_edge::{
+    InsideBand, for_each_open_face, for_each_region_edge, note_outside, note_region_edge,
+};
 pub use runs::{RowRuns, Run, Runs};
 pub use slab_merge::{BandInput, CarriedComponents, PhaseLabels, SlabComponents};
 pub use surface_keys::keys_on_top;

@@ -87,6 +87,45 @@ pub fn for_each_region_edge(
     }
 }
 
+/// Calls `note` with the rows, counted through all slices, and the x of two voxels below that share a face, of which one
+/// is outside of the region: across such a face what is below goes on, where what is outside is filled so.
+pub fn for_each_open_face(
+    bits: &Bits,
+    inside: &InsideBand,
+    mut note: impl FnMut([(usize, u32); 2]),
+) {
+    let (rows, words) = (bits.span.rows(), bits.row_words);
+    let word = |row: usize, w: usize| {
+        let at = row * words + w;
+        // bits beyond a row's end are no voxels
+        let voxels = !0u64 >> (64 - (bits.span.nx as usize - 64 * w).min(64));
+        (!bits.words[at] & voxels, inside.words[at])
+    };
+    for row in 0..rows * bits.span.slices() {
+        let before = [(row % rows > 0, 1), (row >= rows, rows)];
+        let mut last = (0, 0);
+        for w in 0..words {
+            let (below, inner) = word(row, w);
+            let mut found = below & (below << 1 | last.0) & (inner ^ (inner << 1 | last.1));
+            last = (below >> 63, inner >> 63);
+            while found != 0 {
+                let x = 64 * w as u32 + found.trailing_zeros();
+                found &= found - 1;
+                note([(row, x - 1), (row, x)]);
+            }
+            for (_, step) in before.into_iter().filter(|(is_there, _)| *is_there) {
+                let (other, other_inner) = word(row - step, w);
+                let mut found = below & other & (inner ^ other_inner);
+                while found != 0 {
+                    let x = 64 * w as u32 + found.trailing_zeros();
+                    found &= found - 1;
+                    note([(row - step, x), (row, x)]);
+                }
+            }
+        }
+    }
+}
+
 /// Says of components, in the place of whether they touch the border, whether they have a voxel outside of the region, if
 /// there is one. For a search alone: measures need the border.
 pub fn note_outside(bits: &Bits, labels: &mut Labels, inside: Option<&InsideBand>) {

@@ -4,7 +4,9 @@ use crate::convert::cells::contacts::{Contact, Contacts};
 use crate::convert::known_band::KnownBand;
 use crate::error::Result;
 use crate::grid::{Ambiguous, Dims, Placement};
-use crate::labels::{BandCells, InsideBand, RowRuns, Run, for_each_region_edge, label_below_0};
+use crate::labels::{
+    BandCells, InsideBand, RowRuns, Run, for_each_open_face, for_each_region_edge, label_below_0,
+};
 use crate::measure::{Row, VoxelSums, power_sums};
 use crate::sys::memory_pool::MemoryReservation;
 use std::collections::HashMap;
@@ -226,18 +228,30 @@ impl Finder<'_> {
         Ok(())
     }
 
-    /// Notes that cells touch the border at the edge of the region, as components do.
+    /// Notes that cells touch the border at the edge of the region, as components do, and where one goes on in another
+    /// there.
     fn note_region_edge(&mut self, inside: &InsideBand) {
         let mut parts = std::mem::take(&mut self.found.parts);
-        let rule = self.settings.rule;
-        for_each_region_edge(&self.band.bits, inside, rule, |row, x| {
-            let stretches = &self.stretches[self.rows[row] as usize..self.rows[row + 1] as usize];
-            let behind = stretches.partition_point(|stretch| stretch.start <= x);
-            let found = behind.checked_sub(1).map(|at| stretches[at]);
-            if let Some(stretch) = found.filter(|stretch| x < stretch.end) {
-                parts[stretch.cell as usize].sums.touches_border = 1;
+        let mut note = |cell: u32| parts[cell as usize].sums.touches_border = 1;
+        let bits = &self.band.bits;
+        for_each_region_edge(bits, inside, self.settings.rule, |row, x| {
+            self.cell_at(row, x).into_iter().for_each(&mut note);
+        });
+        for_each_open_face(bits, inside, |voxels| {
+            if let [Some(a), Some(b)] = voxels.map(|(row, x)| self.cell_at(row, x))
+                && a != b
+            {
+                [a, b].into_iter().for_each(&mut note);
             }
         });
         self.found.parts = parts;
+    }
+
+    /// The number of the cell of a voxel, in a row that is counted through all slices.
+    fn cell_at(&self, row: usize, x: u32) -> Option<u32> {
+        let stretches = &self.stretches[self.rows[row] as usize..self.rows[row + 1] as usize];
+        let behind = stretches.partition_point(|stretch| stretch.start <= x);
+        let found = stretches[..behind].last()?;
+        (x < found.end).then_some(found.cell)
     }
 }

@@ -4,16 +4,18 @@
 //! 1. The rule's weights are those of the grid's spacing, and other ratios give as many cells as the index states.
 //! 2. Openings are those of the table of necks: between which cells, where, how wide and how large.
 //! 3. Each cell is of the component that its row states.
-//! 4. The cells of all voxels are kept on the disk, as a volume ([`rows`]) that takes the place of labels: see
+//! 4. Cells touch the border where a voxel of theirs does, or the edge of the region of interest cuts them ([`border`]).
+//! 5. The cells of all voxels are kept on the disk, as a volume ([`rows`]) that takes the place of labels: see
 //!    [`super::labels`] for what follows from it of rows of cells and of tiles, and [`super::walls`].
 //!
 //! This is the one place at which the verifier runs what the conversion runs: a fault in the rule itself is not found here.
 //! The tests of [`crate::split`] hold it against its definition, on whole volumes.
 
+mod border;
 mod rows;
 
 use super::code::Code;
-use super::components::COLUMNS;
+use super::components::{BORDER, COLUMNS};
 use super::ledger::Kind;
 use super::openings::{NeckRows, Opening};
 use super::report::Issues;
@@ -25,7 +27,9 @@ use crate::error::Result;
 use crate::manifest::PartsBy;
 use crate::progress::Progress;
 use crate::split::{BitSource, Metric, Neck, NeckRule, SlabGrid, Split, SplitOptions, split};
+use crate::sys::id_set::IdSet;
 use crate::volume::Volume;
+use border::cells_at_border;
 use rows::CellVolumeWriter;
 
 pub(super) use rows::CellVolume;
@@ -78,7 +82,30 @@ pub(super) fn find(
     let mut out = CellVolumeWriter::new(manifest.grid.dims)?;
     let slabs = options.grid.slabs();
     (0..slabs).try_for_each(|slab| made.slab(slab, |y, z, pieces| out.row(y, z, pieces)))?;
-    out.finish().map(Some)
+    let cells = out.finish()?;
+    if !cx.edge.is_unknown() {
+        let touching = cells_at_border(&cells, cx.edge, manifest.ambiguous)?;
+        compare_border(&touching, made.counts().parts, cx, issues);
+    }
+    Ok(Some(cells))
+}
+
+/// Compares which cells touch the border with the table. What is wrong with that alone is said elsewhere.
+fn compare_border(touching: &IdSet, cells: u64, cx: &Context, issues: &mut Issues) {
+    let mut unsaid = Issues::new(0);
+    let Some(mut lines) = Lines::open(cx, Kind::Cell, &mut unsaid) else {
+        return;
+    };
+    while let Some(row) = lines.next_row(&mut unsaid) {
+        let id = row[0].unwrap_or(0.0) as u64;
+        let expected = f64::from(u8::from(touching.contains(id)));
+        if (1..=cells).contains(&id) && row[BORDER] != Some(expected) {
+            let stated = text(row[BORDER]);
+            let message =
+                format!("cell {id}: touches_border {stated}, by its voxels it is {expected}");
+            issues.add(Code::TableValue, lines.place(), message);
+        }
+    }
 }
 
 /// How the cells of a set are split; `None` if they are not, or by weights that are not those of its grid, which is an
