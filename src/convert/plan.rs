@@ -114,10 +114,16 @@ pub fn plan(
         body: cost.body,
         per_triangle: cost.per_triangle,
     };
-    if smallest.memory > options.memory {
+    // to find a region, the volume and a mask are read before
+    let before = match in_region {
+        true => reading_bytes() + volume.held_bytes() + dims.slice_voxels(),
+        false => 0,
+    };
+    let needed = smallest.memory.max(before);
+    if needed > options.memory {
         return Err(Error::Memory {
             limit: options.memory,
-            needed: smallest.memory,
+            needed,
             hint: "fewer --threads or a smaller --macrocube need less, a surface denser than that of a foam more"
                 .into(),
         });
@@ -145,12 +151,16 @@ pub fn check_read_beside(
     if needed <= limit {
         return Ok(());
     }
+    let hint = match other.held_bytes() {
+        0 => format!("the file of {option} is read beside the volume before tiles are made"),
+        _ => format!(
+            "the file of {option} is read in parts so large: smaller chunks need less, or a file without any (.npy, .nrrd)"
+        ),
+    };
     Err(Error::Memory {
         limit,
         needed,
-        hint: format!(
-            "the file of {option} is read in parts so large: smaller chunks need less, or a file without any (.npy, .nrrd)"
-        ),
+        hint,
     })
 }
 
