@@ -461,7 +461,10 @@ fn marks(
 
 /// The share of the voxels that count, for people.
 fn share_above(p: Predicted) -> String {
-    percent(p.voxels_above as f64 / p.voxels as f64)
+    match p.voxels {
+        0 => "none of which was measured".to_owned(),
+        _ => percent(p.voxels_above as f64 / p.voxels as f64),
+    }
 }
 
 fn expected(p: Predicted) -> String {

@@ -13,7 +13,7 @@ use super::pinches::Pinched;
 use super::place::{Placed, Placing};
 use super::planes::{OnPlanes, Planes};
 use super::quadric::Plane;
-use super::specks::{LEAST, Specks};
+use super::specks::{LEAST, SMALL_BLOCKS, Specks};
 use super::triangles::{Sums, distinct};
 use crate::grid::LATTICE;
 use crate::strip::{Stripifier, append_strip, connect};
@@ -25,8 +25,6 @@ const SMALL: usize = 100;
 /// Their room: a share of the triangles that are wanted, on the first level, where none is to be lost, so many at least.
 const SMALL_SHARE: f64 = 0.65;
 const SMALL_ROOM: usize = 1000;
-/// Surfaces that so many blocks hold are given up first where too many triangles are left.
-const SMALL_BLOCKS: i32 = 2;
 
 /// How far borders may move in their planes, in blocks.
 const CURVE: f64 = 0.2;
@@ -238,6 +236,7 @@ impl Coarse {
             planes: &recipe.planes,
             open_faces: recipe.open_faces(),
             step: recipe.rules.step,
+            block: recipe.rules.block,
             clusters: &mut self.clusters,
             points: &mut self.placed.points,
             triangles: &mut self.triangles,

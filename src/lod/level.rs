@@ -326,7 +326,7 @@ fn too_little(pool: &MemoryPool, most: u64) -> Error {
 }
 
 /// An error that is more than that of all below, by what was added, in millionths of a voxel.
-fn rising(below: f64, added: f64) -> f64 {
+pub fn rising(below: f64, added: f64) -> f64 {
     let least = (below * 1.0001).max(1.0 / f64::from(LATTICE));
     ((below + added).max(least) * 1e6).ceil() / 1e6
 }

@@ -33,6 +33,7 @@ mod folds;
 mod gap;
 mod journal;
 mod level;
+mod measured;
 mod mesh;
 mod pinches;
 mod place;
@@ -45,5 +46,6 @@ mod triangles;
 mod work;
 
 pub use asked::LodOptions;
+pub(crate) use measured::{NodePlace, block_and_step, error_of};
 pub use run::{LodReport, lod};
 pub use work::interrupted;

@@ -12,6 +12,8 @@ use glam::DVec3;
 /// So many triangles are left of one at most; a tetrahedron at least.
 const MOST: usize = 6;
 pub const LEAST: usize = 4;
+/// Surfaces that so many blocks hold are small.
+pub const SMALL_BLOCKS: i32 = 2;
 
 /// What a node has of its surfaces, and what it is made of.
 pub struct Specks<'a> {
@@ -22,6 +24,8 @@ pub struct Specks<'a> {
     pub open_faces: OnPlanes,
     /// Vertices lie on multiples of so many lattice steps.
     pub step: i32,
+    /// Width of blocks in lattice steps.
+    pub block: i32,
     pub clusters: &'a mut Clusters,
     /// Places of clusters.
     pub points: &'a mut Vec<[i32; 3]>,
@@ -76,8 +80,8 @@ impl Specks<'_> {
         alone.vertices.iter().any(is_shared)
     }
 
-    /// Brings surfaces back of which no triangle is left, as far as there is room, apart from those that other nodes
-    /// continue.
+    /// Brings surfaces back of which no triangle is left, as far as there is room. Of those that other nodes continue only
+    /// what is of small cells, closed by itself: their curves on the border are gone, too, and they may be gone in all nodes.
     pub fn bring_back(mut self) {
         let mut is_gone: Vec<bool> = self.mesh.surfaces.iter().map(|s| !s.key.is_cap).collect();
         for t in self.triangles.iter() {
@@ -85,13 +89,26 @@ impl Specks<'_> {
         }
         if is_gone.contains(&true) {
             let mut gone = self.alone(&is_gone);
-            gone.retain(|s| !s.vertices.is_empty() && !self.is_shared(s));
+            gone.retain(|s| !s.vertices.is_empty() && (!self.is_shared(s) || self.is_small(s)));
             // the largest, if there is no room for all
             gone.sort_by_cached_key(|surface| std::cmp::Reverse(self.extent(surface)));
             let left = (self.room / gone.len().max(1)).clamp(LEAST, MOST);
             gone.truncate(self.room / left);
-            gone.iter().for_each(|surface| self.add(surface, left));
+            for surface in &gone {
+                match self.is_shared(surface) {
+                    true => self.add_smallest(surface),
+                    false => self.add(surface, left),
+                }
+            }
         }
+    }
+
+    /// True for a surface of a cell that some blocks hold.
+    fn is_small(&self, alone: &Alone) -> bool {
+        let surface = self.mesh.surface_of[alone.vertices[0] as usize];
+        let voxels = self.mesh.surfaces[surface as usize].extras.voxels();
+        let wide = f64::from(SMALL_BLOCKS * self.block) / f64::from(LATTICE);
+        voxels.is_some_and(|voxels| voxels as f64 <= wide * wide * wide)
     }
 
     /// Adds the smallest piece of the surface that has most triangles, for a node of which else nothing is left.
@@ -282,6 +299,7 @@ mod tests {
     use crate::grid::{Dims, Tiling};
     use crate::lod::clusters::Kind;
     use crate::lod::mesh::{Surface, SurfaceKey};
+    use crate::measure::Field;
     use crate::tile::Extras;
 
     /// An octahedron around a place, its corners so many lattice steps away.
@@ -339,6 +357,7 @@ mod tests {
             planes,
             open_faces: planes.faces,
             step: 32,
+            block: 512,
             clusters: &mut clusters,
             points: &mut points,
             triangles: &mut triangles,
@@ -366,6 +385,26 @@ mod tests {
         );
         for (point, cluster) in points.iter().zip(&clusters.all) {
             assert_eq!(cluster.kind == Kind::Stays, point[2] == 0, "{point:?}");
+        }
+    }
+
+    /// A pore of one voxel that lies in two nodes: each has a whole one of its own, but not of a larger cell.
+    #[test]
+    fn what_two_nodes_share_comes_back_if_it_is_small() {
+        let tiling = Tiling {
+            dims: Dims([41; 3]),
+            macrocube: [10; 3],
+        };
+        let planes = Planes::of(tiling, 1, [0; 3]);
+        let mut mesh = octahedron([20 * 256, 3000, 4000], 3);
+        mesh.triangles.retain(|t| !t.contains(&0));
+        for (voxels, left) in [(1, LEAST), (500, 0)] {
+            mesh.surfaces[0].extras.measures[0] = Some(Field::Count(voxels));
+            let (_, points, triangles) = brought_back(&mesh, &planes);
+            assert_eq!(triangles.len(), left);
+            let (volume, closed) = solid(&points, &triangles);
+            assert!(closed && (volume > 0.0) == (left > 0), "{volume}");
+            assert!(points.iter().all(|p| planes.bits(*p) == 0), "{points:?}");
         }
     }
 
@@ -444,6 +483,7 @@ mod tests {
                 planes: &planes,
                 open_faces: planes.faces,
                 step: 32,
+                block: 512,
                 clusters: &mut clusters,
                 points: &mut points,
                 triangles: &mut triangles,

@@ -68,6 +68,15 @@ impl Extras {
         }
     }
 
+    /// Voxels of the cell, if they are known.
+    pub fn voxels(&self) -> Option<u64> {
+        let at = MEASURES.iter().position(|name| *name == "voxels")?;
+        match self.measures.get(at)? {
+            Some(Field::Count(voxels)) => Some(*voxels),
+            _ => None,
+        }
+    }
+
     /// What a tile's node or table has, with the ids and triangles that were read from there already.
     pub fn read(ids: &PieceIds, found: &Map<String, Value>) -> Self {
         let unit = found.get("unit").map(Unit::deserialize);

@@ -7,7 +7,8 @@
 //! 2. The border of what lies below a node runs, within the stated distance of its own, under its fins, and these reach
 //!    as far beyond it as all levels below may ([`fins`]).
 //! 3. Surfaces, cells and objects are those of the nodes below, with their measures; none comes from nowhere.
-//! 4. Each node stands for all that is below it: boxes hold those of the children, errors rise, sums are as stated.
+//! 4. Each node stands for all that is below it: boxes hold those of the children, sums are as stated, and errors are how
+//!    far its surfaces lie from those below: this is measured as it was when the node was made.
 //! 5. `tileset.json` has the same tree with the same files, boxes and errors ([`tree`]).
 //!
 //! In memory are a layer's entries, a node with its children, and the edges in the planes between two layers.
@@ -25,6 +26,7 @@ use super::foreign::foreign;
 use super::report::Issues;
 use crate::error::{Error, Result};
 use crate::grid::Tiling;
+use crate::lod::block_and_step;
 use crate::manifest::{LEVELS, LEVELS_FORMAT, LEVELS_VERSION, Level, Levels, Manifest};
 use crate::progress::Progress;
 use crate::sys::direct_io::Buffer;
@@ -171,7 +173,25 @@ impl Set<'_> {
             issues.add(Code::LodValue, LEVELS, message);
             sound = false;
         }
+        if sound {
+            self.check_blocks(levels, issues);
+        }
         sound
+    }
+
+    /// Compares blocks and steps with those of the ratio.
+    fn check_blocks(&self, levels: &Levels, issues: &mut Issues) {
+        for (i, level) in levels.levels.iter().enumerate() {
+            let below = i.checked_sub(1).map(|i| &levels.levels[i]);
+            let found = [level.block, level.step];
+            let expected = block_and_step(self.manifest, below, levels.ratio).ok();
+            if expected != Some(found) {
+                let message = format!(
+                    "found block and step {found:?}, expected {expected:?} by the ratio and the level below"
+                );
+                issues.add(Code::LodValue, format!("{LEVELS}#/levels/{i}"), message);
+            }
+        }
     }
 
     /// Looks for files below `lod` that the index does not name; those of a layer follow with its shard.

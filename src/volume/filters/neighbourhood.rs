@@ -248,8 +248,28 @@ impl<F: Neighbourhood> Volume for Filtered<'_, F> {
         self.inner.mapped_bytes(self.slices(&z))
     }
 
+    /// Those that nothing but what was measured has a share in. What was measured of a slice is convex, so that of all
+    /// rows that the filter reaches to the outer ones have least.
     fn measured(&self, y: u32, z: u32) -> Option<Range<u32>> {
-        self.inner.measured(y, z)
+        let own = self.inner.measured(y, z)?;
+        if self.input().is_float() {
+            // NaN has no share in anything
+            return Some(own);
+        }
+        let [nx, ny, _] = self.header.dims.0;
+        let [rx, ry, _] = self.filter.radius();
+        let rows = [y.saturating_sub(ry), (y + ry).min(ny - 1)];
+        let slices = self.slices(&(z..z + 1));
+        let all = slices.flat_map(|z| rows.map(|y| self.inner.measured(y, z).unwrap_or(0..nx)));
+        let row = all.reduce(|a, b| a.start.max(b.start)..a.end.min(b.end))?;
+        // beyond the ends of the grid there is nothing, and no fill
+        let start = if row.start == 0 { 0 } else { row.start + rx };
+        let end = if row.end == nx {
+            nx
+        } else {
+            row.end.saturating_sub(rx)
+        };
+        Some(start.min(end)..end)
     }
 
     fn prefetch(&self, z: Range<u32>) {

@@ -4,6 +4,7 @@ use crate::error::Result;
 use crate::progress::Progress;
 use crate::volume::stats::walk::{Piece, Walk};
 use crate::volume::{Volume, Voxel, with_voxel_type};
+use std::ops::Range;
 
 /// Triangles per vertex. A closed surface of V vertices and Euler characteristic c has 2 (V - c)
 /// triangles; borders and solid balls make it slightly fewer, tunnels slightly more.
@@ -16,7 +17,7 @@ pub struct Prediction {
     pub vertices: u64,
     /// Triangles, from a mean of 2 per vertex.
     pub triangles: u64,
-    /// Above voxels. Exact unless `sampled`.
+    /// Voxels above, of those that were measured. Exact unless `sampled`.
     pub voxels_above: u64,
     /// Only some of the slices were read and the numbers scaled up.
     pub sampled: bool,
@@ -92,7 +93,8 @@ fn count<T: Voxel>(
         progress,
         Counts::default,
         |counts: &mut Counts, piece, samples: &[T]| {
-            count_piece(counts, piece, samples, nx, least);
+            let measured = |y: u32, z: u32| volume.measured(y, z);
+            count_piece(counts, piece, samples, nx, least, measured);
             Ok(())
         },
         |a, b| Counts {
@@ -103,8 +105,15 @@ fn count<T: Voxel>(
     )
 }
 
-/// Counts the edges that start at the piece's own voxels.
-fn count_piece<T: Voxel>(counts: &mut Counts, piece: &Piece, samples: &[T], nx: usize, least: T) {
+/// Counts the edges that start at the piece's own voxels, and those of these that are above and were measured.
+fn count_piece<T: Voxel>(
+    counts: &mut Counts,
+    piece: &Piece,
+    samples: &[T],
+    nx: usize,
+    least: T,
+    measured: impl Fn(u32, u32) -> Option<Range<u32>>,
+) {
     let rows = piece.read_y.len();
     let row = |j: usize, k: usize| {
         let at = (j + rows * k) * nx;
@@ -113,8 +122,12 @@ fn count_piece<T: Voxel>(counts: &mut Counts, piece: &Piece, samples: &[T], nx: 
     for k in 0..piece.z.len() {
         for j in 0..piece.y.len() {
             let own = row(j, k);
+            let counted = match measured(piece.y.start + j as u32, piece.z.start + k as u32) {
+                Some(x) => &own[x.start as usize..x.end as usize],
+                None => own,
+            };
             // a row has at most 65,536 samples
-            let above: u32 = own.iter().map(|&v| u32::from(v >= least)).sum();
+            let above: u32 = counted.iter().map(|&v| u32::from(v >= least)).sum();
             counts.above += u64::from(above);
             counts.in_slice += crossed(own, &own[1..], least);
             if j + 1 < rows {

@@ -166,7 +166,7 @@ impl Grid {
     pub(crate) fn note(&self, why: &str) -> String {
         let [x, y, z] = self.size;
         let fill = match self.fill.is_nan() {
-            true => "no value (NaN)".to_owned(),
+            true => "no value (NaN), which histogram and thresholds by rule leave out, but porosity counts as below".to_owned(),
             false => format!(
                 "{}, which histogram and thresholds by rule leave out, but porosity does not",
                 self.fill

@@ -377,7 +377,7 @@ mod tests {
     /// Bytes of a grid with rows beside its slices, through all that can lie around it.
     #[test]
     fn what_fills_the_grid_up_is_not_counted() {
-        use crate::grid::{Crop, Filter};
+        use crate::grid::{Crop, Filter, Sigma};
         use crate::progress::Quiet;
         use crate::volume::{Cropped, filtered, measured_voxels, statistics};
         let dims = Dims::new([8, 8, 6]).unwrap();
@@ -412,5 +412,10 @@ mod tests {
         assert!(count(&*Cropped::part(resampled(), Some(&crop)).unwrap()) < all);
         let halves = Filter::Downsample { factor: 2 };
         assert!(8 * count(&*filtered(&halves, resampled()).unwrap()) <= all);
+        // nor what filters mix with it
+        let sigma = Sigma([0.25; 3]);
+        for filter in [Filter::Median { radius: 1 }, Filter::Smooth { sigma }] {
+            assert!(count(&*filtered(&filter, resampled()).unwrap()) < all);
+        }
     }
 }
