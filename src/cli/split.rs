@@ -248,7 +248,7 @@ impl SplitArgs {
         );
         Err(
             Error::usage("--against", found, expected).with_hint(format!(
-                "give the volume itself, as it was then: {} stays as it is",
+                "give the volume itself, as it was then; nothing was written to {}",
                 self.dest.display()
             )),
         )

@@ -457,8 +457,7 @@ fn structures_without_clear_necks_are_warned_of() {
     let dir = dir.path();
     let phantom = "phantom noise open.raw --dims 60,52,48 -q";
     ok(dir, &phantom.split(' ').collect::<Vec<_>>());
-    let convert =
-        "convert open.raw open --dims 60,52,48 --dtype u8 --smooth 2 --threshold porosity=50% --split";
+    let convert = "convert open.raw open --dims 60,52,48 --dtype u8 --smooth 2 --threshold porosity=50% --split";
     let said = stderr(&alvis(dir, &convert.split(' ').collect::<Vec<_>>()));
     let warning = said.lines().find(|l| l.contains("hangs on the ratio"));
     let warning = warning.unwrap_or_else(|| panic!("{said}"));
