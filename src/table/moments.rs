@@ -24,8 +24,11 @@ impl Moments {
         let before = self.weight;
         self.weight += weight;
         let away = value - self.mean;
-        // shares first: a mean of one value is that value, and no rounding makes a square negative
-        self.mean += away * (weight / self.weight);
+        // the mean of one value is that value, and no rounding makes a square negative
+        self.mean = match before > 0.0 {
+            true => self.mean + away * weight / self.weight,
+            false => value,
+        };
         self.square += away * away * (weight * (before / self.weight));
     }
 
