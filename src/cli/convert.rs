@@ -13,7 +13,7 @@ use super::progress::Console;
 use super::threshold::{TAKES, Threshold, threshold};
 use super::view::ViewArgs;
 use super::{Outcome, batch, output};
-use crate::convert::{self, ConvertOptions, ConvertReport, NeckRule};
+use crate::convert::{self, Accept, ConvertOptions, ConvertReport, NeckRule};
 use crate::error::{Error, Result};
 use crate::grid::{Ambiguous, Origin, Unit};
 use crate::lod::{LodOptions, LodReport};
@@ -25,6 +25,10 @@ use clap::{Args, ValueEnum, ValueHint};
 use serde::Serialize;
 use std::ffi::OsString;
 use std::path::{Path, PathBuf};
+
+/// Defaults of --split-h and --split-min-radius.
+pub(super) const SPLIT_H: &str = "0.5";
+pub(super) const SPLIT_MIN_RADIUS: &str = "0";
 
 /// Rule for ambiguous faces, as typed.
 #[derive(Debug, Clone, Copy, ValueEnum)]
@@ -119,10 +123,10 @@ pub struct ConvertArgs {
     split: Option<u32>,
     /// With --split: do not cut where the radius falls by less than this, in voxels of the finest axis, to 1/256 of one; 1 for
     /// thin tubes
-    #[arg(long, value_name = "H", default_value = "0.5", allow_hyphen_values = true, value_parser = parse::voxels_256, requires = "split", conflicts_with = "labels")]
+    #[arg(long, value_name = "H", default_value = SPLIT_H, allow_hyphen_values = true, value_parser = parse::voxels_256, requires = "split", conflicts_with = "labels")]
     split_h: u32,
     /// With --split: what is thinner than this radius, in voxels of the finest axis, is no cell of its own
-    #[arg(long, value_name = "R", default_value = "0", allow_hyphen_values = true, value_parser = parse::voxels_256, requires = "split", conflicts_with = "labels")]
+    #[arg(long, value_name = "R", default_value = SPLIT_MIN_RADIUS, allow_hyphen_values = true, value_parser = parse::voxels_256, requires = "split", conflicts_with = "labels")]
     split_min_radius: u32,
     /// Also find the walls between cells: walls.csv, and how many neighbours each cell has and how thick its walls are
     ///
@@ -194,13 +198,19 @@ pub struct Printed<'a> {
 impl ConvertArgs {
     /// Converts one volume or several; `typed` is the command line that asks for it.
     pub fn run(self, typed: &[OsString]) -> Result<Outcome> {
+        self.run_if(typed, &|_| Ok(()))
+    }
+
+    /// The same; of one volume, what `accept` refuses is not moved into place.
+    pub(super) fn run_if(self, typed: &[OsString], accept: &Accept) -> Result<Outcome> {
         let (None, Some(out)) = (&self.out_dir, &self.out) else {
             return batch::run(self, typed);
         };
         let console = self.common.start();
         let input = Input::Path(&self.input);
         let place = Place::of(out, self.resume)?;
-        let report = self.convert(input, &place.dir(), Again::Typed(typed), &console)?;
+        let again = Again::Typed(typed);
+        let report = self.convert_if(input, &place.dir(), accept, again, &console)?;
         let levels = self.levels(&place.dir(), &console)?;
         place.put(&console)?;
         drop(console);
@@ -312,6 +322,18 @@ impl ConvertArgs {
         again: Again,
         console: &Console,
     ) -> Result<ConvertReport> {
+        self.convert_if(input, out, &|_| Ok(()), again, console)
+    }
+
+    /// The same; what `accept` refuses is not moved into place.
+    fn convert_if(
+        &self,
+        input: Input,
+        out: &Path,
+        accept: &Accept,
+        again: Again,
+        console: &Console,
+    ) -> Result<ConvertReport> {
         let Prepared {
             opened,
             options,
@@ -322,7 +344,7 @@ impl ConvertArgs {
         if self.out_dir.is_none() {
             console.note(&understood);
         }
-        let mut report = convert::convert(&*opened.volume, &options, out, console)
+        let mut report = convert::convert_if(&*opened.volume, &options, out, accept, console)
             .map_err(|e| again.resumable(how_found(e, &how), out))
             .inspect_err(|e| {
                 if matches!(e, Error::Interrupted) {

@@ -191,30 +191,6 @@ fn selected(selection: &Selection, m: &Manifest) -> String {
     text
 }
 
-/// What cells are that are parts of components.
-fn cells_by(parts: &PartsBy) -> String {
-    match parts {
-        PartsBy::Labels {
-            file, unlabelled, ..
-        } => {
-            let none = unlabelled.map(|n| format!("; {} without one", things(n, "voxel")));
-            format!("by the labels of {file}{}", none.unwrap_or_default())
-        }
-        PartsBy::Split {
-            ratio_permille,
-            h_256,
-            min_radius_256,
-            ..
-        } => {
-            let [h, radius] = [h_256, min_radius_256].map(|n| f64::from(*n) / 256.0);
-            format!(
-                "split at necks: ratio {}, h {h}, min radius {radius}",
-                f64::from(*ratio_permille) / 1000.0
-            )
-        }
-    }
-}
-
 fn text(dir: &Path, m: &Manifest, levels: Option<&Levels>) -> String {
     let t = &m.totals;
     let Placement { spacing, unit, .. } = m.placement;
@@ -263,7 +239,7 @@ fn text(dir: &Path, m: &Manifest, levels: Option<&Levels>) -> String {
         things(t.surfaces, "surface"),
     ];
     rows.push(("parts", parts.join(", ")));
-    rows.extend(m.cells.as_ref().map(|by| ("cells", cells_by(by))));
+    rows.extend(m.cells.as_ref().map(|by| ("cells", by.to_string())));
     let form = [word(m.primitives), word(m.encoding), word(m.layout)];
     rows.push((
         "form",

@@ -39,6 +39,7 @@ mod region;
 mod repack;
 mod report;
 mod same_place;
+mod same_surface;
 mod scans_table;
 mod select;
 mod serve;

@@ -57,7 +57,14 @@ pub fn macrocube(text: &str) -> Result<[u32; 3], String> {
 
 /// A ratio of radii from 0.001 to 1, in thousandths.
 pub fn ratio(text: &str) -> Result<u32, String> {
-    let expected = "expected a ratio of radii from 0.001 to 1; to have none, put --split behind the names of files";
+    let hint = "; to have none, put --split behind the names of files";
+    let expected = |_| format!("expected a ratio of radii from 0.001 to 1{hint}");
+    another_ratio(text).map_err(expected)
+}
+
+/// The same where there has to be one.
+pub fn another_ratio(text: &str) -> Result<u32, String> {
+    let expected = "expected a ratio of radii from 0.001 to 1, as 0.7";
     let value = text.trim().parse::<f64>().ok();
     let thousandths = value
         .map(|v| v * 1000.0)

@@ -6,11 +6,12 @@ use super::cells::OutsideArg;
 use super::input::Input;
 use super::{Outcome, output};
 use crate::error::{Error, Result};
+use crate::grid::Dims;
 use crate::manifest::Manifest;
 use crate::progress::Progress;
 use crate::report::{ReportOptions, SourceVolume, check_file, report, write_page};
 use clap::{Args, ValueHint};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 /// Write a report of a tile set for the lab book: one page of HTML, without anything from elsewhere
 ///
@@ -54,7 +55,9 @@ impl ReportArgs {
         let opened = match &self.against {
             Some(path) => {
                 let asked = Asked::of(&self.input, &console);
-                Some(open_whole(&self.out, Input::Path(path), &manifest, &asked)?)
+                let opened = open_whole(&self.out, Input::Path(path), &manifest, &asked)?;
+                check_size(path, opened.0.volume.header().dims, &manifest)?;
+                Some(opened)
             }
             None => {
                 self.input.refuse_without_volume("--against INPUT")?;
@@ -106,4 +109,19 @@ impl ReportArgs {
         }
         check_file(file, self.force)
     }
+}
+
+/// Refuses a volume that has another size than that of the tile set, both after filters.
+fn check_size(path: &Path, found: Dims, manifest: &Manifest) -> Result<()> {
+    let expected = manifest.filtered_dims()?;
+    if found == expected {
+        return Ok(());
+    }
+    let after = match manifest.filters.is_empty() {
+        true => "",
+        false => " after filters",
+    };
+    let found = format!("{} of {found} voxels{after}", path.display());
+    let expected = format!("the volume of {expected} that the tiles were made from");
+    Err(Error::usage("--against", found, expected))
 }

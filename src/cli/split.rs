@@ -1,11 +1,13 @@
 //! `alvis split`: a tile set again, with its cells cut at another ratio.
 
 use super::args::Common;
-use super::convert::ConvertArgs;
+use super::convert::{ConvertArgs, SPLIT_H, SPLIT_MIN_RADIUS};
+use super::input::Input;
+use super::same_surface::{Difference, differences, differences_of_volume, renamed};
 use super::{Cli, Command, Outcome, output, parse};
 use crate::error::{Error, Result};
 use crate::grid::{Fill, Origin, Shape, Unit};
-use crate::manifest::{Manifest, PartsBy};
+use crate::manifest::{Manifest, PartsBy, Selection};
 use clap::{Args, Parser, ValueHint};
 use serde::Serialize;
 use std::ffi::OsString;
@@ -28,7 +30,7 @@ pub struct SplitArgs {
     #[arg(value_hint = ValueHint::DirPath)]
     dest: PathBuf,
     /// Cut where the opening is at most this part of the smaller one's radius, as convert's --split
-    #[arg(long, value_name = "RATIO", allow_negative_numbers = true, value_parser = parse::ratio)]
+    #[arg(long, value_name = "RATIO", allow_negative_numbers = true, value_parser = parse::another_ratio)]
     ratio: u32,
     /// The volume that the tile set was made from
     #[arg(long, value_name = "INPUT", value_hint = ValueHint::FilePath)]
@@ -54,9 +56,9 @@ impl SplitArgs {
     pub fn run(self, typed: &[OsString]) -> Result<Outcome> {
         let manifest = Manifest::open(&self.out)?;
         let convert = self.conversion(&manifest)?;
-        let outcome = convert.run(typed)?;
-        self.check(&manifest)?;
-        Ok(outcome)
+        self.check_volume(&manifest, &convert)?;
+        self.tell_what_changes(&manifest);
+        convert.run_if(typed, &|made| self.accept(&manifest, made))
     }
 
     /// The conversion that makes it.
@@ -162,32 +164,100 @@ impl SplitArgs {
         Ok(())
     }
 
-    /// Says so if DEST is of another body: its voxels and connected parts do not depend on the ratio.
-    fn check(&self, manifest: &Manifest) -> Result<()> {
-        let made = Manifest::open(&self.dest)?;
-        let parts = |of: &Manifest| match of.totals.components {
-            0 => of.totals.cells,
-            components => components,
-        };
-        let body = |of: &Manifest| [of.totals.voxels_above, of.totals.objects, parts(of)];
-        let [found, expected] = [&made, manifest].map(body);
-        if found == expected {
+    /// Refuses a volume that is another one by what it says of itself, before anything is made of it.
+    fn check_volume(&self, manifest: &Manifest, convert: &ConvertArgs) -> Result<()> {
+        let options = convert.options.options();
+        let opened = Input::Path(&convert.input).open(&options, &self.dest);
+        let (opened, _) = opened.map_err(|error| self.of_other_size(error, manifest))?;
+        let opened = convert.options.filters.apply(opened)?;
+        self.refuse(&differences_of_volume(manifest, &opened)?)?;
+        if let Some(renamed) = renamed(manifest, &opened) {
+            self.note(&format!("warning: {renamed}"));
+        }
+        Ok(())
+    }
+
+    /// The size and type that a raw file does not have were taken from the index: nobody typed them.
+    fn of_other_size(&self, error: Error, manifest: &Manifest) -> Error {
+        let source = &manifest.source;
+        match error {
+            Error::Format { path, found, .. } if source.format == "raw" => {
+                let found = format!("{}: {found}", path.display());
+                let expected = format!(
+                    "the volume that {} was made from: raw, {} voxels, {}, {} bytes before the first",
+                    self.out.display(),
+                    source.dims,
+                    source.dtype,
+                    source.offset
+                );
+                Error::usage("--against", found, expected)
+            }
+            other => other,
+        }
+    }
+
+    /// Refuses a set that differs from the one that is split anew in what the ratio does not change.
+    fn accept(&self, manifest: &Manifest, made: &Path) -> Result<()> {
+        self.refuse(&differences(&self.out, manifest, made)?)
+    }
+
+    /// Says what of the tile set the new one has not, and what is taken that it does not state.
+    fn tell_what_changes(&self, manifest: &Manifest) {
+        let (out, dest) = (self.out.display(), output::shell(&self.dest));
+        if manifest.lod.is_some() {
+            self.note(&format!(
+                "{out} has levels of detail, which the new set has not: where cells are split there are none"
+            ));
+        }
+        let painted = |s: &Selection| s.colour_by.is_some() || !s.painted.is_empty();
+        if manifest.selection.as_ref().is_some_and(painted) {
+            self.note(&format!(
+                "{out} is painted, which the new set is not: `alvis select {dest} PAINTED` with --colour-by or --paint paints it"
+            ));
+        }
+        if manifest.cells.is_none() {
+            self.note(&format!(
+                "cells of {out} are not split yet: taken as by `alvis convert --split`, with its defaults --split-h {} and \
+                 --split-min-radius {}",
+                SPLIT_H, SPLIT_MIN_RADIUS
+            ));
+        }
+    }
+
+    fn refuse(&self, differences: &[Difference]) -> Result<()> {
+        /// The most that are told.
+        const MOST: usize = 5;
+        if differences.is_empty() {
             return Ok(());
         }
-        let text = |[above, objects, parts]: [u64; 3]| {
-            format!(
-                "{above} voxels above the threshold in {objects} objects, and {parts} connected parts below"
-            )
+        let told = &differences[..differences.len().min(MOST)];
+        let text = |value: fn(&Difference) -> &str| {
+            let each = told.iter().map(|d| format!("{} {}", d.what, value(d)));
+            each.collect::<Vec<_>>().join("; ")
         };
         let volume = self.against.as_deref().unwrap_or(Path::new(""));
-        let found = format!("{}, which has {}", volume.display(), text(found));
+        let more = match differences.len() - told.len() {
+            0 => String::new(),
+            n => format!("; and {n} more that differ"),
+        };
+        let found = format!("{}, with {}{more}", volume.display(), text(|d| &d.found));
         let expected = format!(
-            "the volume that {} was made from, of {}; {} holds what this one gives",
+            "the volume that {} was made from, with {}",
             self.out.display(),
-            text(expected),
-            self.dest.display()
+            text(|d| &d.expected)
         );
-        Err(Error::usage("--against", found, expected))
+        Err(
+            Error::usage("--against", found, expected).with_hint(format!(
+                "give the volume itself, as it was then; nothing was written to {}",
+                self.dest.display()
+            )),
+        )
+    }
+
+    fn note(&self, text: &str) {
+        if !self.common.quiet {
+            output::note(text);
+        }
     }
 }
 

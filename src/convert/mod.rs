@@ -54,7 +54,7 @@ use crate::convert::resume::{begin, commit_begun, complete, refuse_kept, refuse_
 use crate::convert::tables::write_tables;
 use crate::convert::totals::{ScannedSums, dust_of};
 use crate::convert::walls::{WallsInput, add_walls, walls};
-use crate::convert::warnings::{warnings, warnings_of_parts};
+use crate::convert::warnings::warnings;
 use crate::error::{Error, Result};
 use crate::grid::{Placement, Tiling};
 use crate::manifest::{Dust, Manifest, Totals};
@@ -89,9 +89,27 @@ pub fn convert(
     out: &Path,
     progress: &dyn Progress,
 ) -> Result<ConvertReport> {
+    convert_if(volume, options, out, &|_| Ok(()), progress)
+}
+
+/// Decides whether the tile set that lies whole in a directory is the one that is wanted.
+pub type Accept<'a> = dyn Fn(&Path) -> Result<()> + 'a;
+
+/// The same, but what was made is moved into place only if `accept` takes it; what it refuses by [`Error::Usage`] is removed,
+/// and `out` stays as it was.
+///
+/// # Errors
+/// As of [`convert`], and what `accept` returns.
+pub fn convert_if(
+    volume: &dyn Volume,
+    options: &ConvertOptions,
+    out: &Path,
+    accept: &Accept,
+    progress: &dyn Progress,
+) -> Result<ConvertReport> {
     let start = Instant::now();
     let done = with_conversion(volume, options, progress, Layers::all, |job| {
-        run(job, out).map_err(|e| outward(e, out))
+        run(job, out, accept).map_err(|e| outward(e, out))
     })?;
     Ok(ConvertReport {
         resumed_layers: done.resumed_layers,
@@ -210,7 +228,7 @@ struct Done {
 }
 
 /// Does what is not done yet.
-fn run(job: &Conversion, out: &Path) -> Result<Done> {
+fn run(job: &Conversion, out: &Path, accept: &Accept) -> Result<Done> {
     let options = job.options;
     let all_done = |made| Done {
         made,
@@ -220,6 +238,7 @@ fn run(job: &Conversion, out: &Path) -> Result<Done> {
     if options.resume
         && let Some(made) = complete(job, out)
     {
+        accept(out)?;
         job.progress
             .warn("nothing to resume: the directory holds this tile set already, whole");
         tidy(out)?;
@@ -249,20 +268,22 @@ fn run(job: &Conversion, out: &Path) -> Result<Done> {
     let checkpointer = begin(&mut output, out, job, &identity)?;
     let (resumed_layers, resumed_index_layers) = (checkpointer.kept(), checkpointer.finished());
     Ok(Done {
-        made: make_and_commit(job, output, checkpointer)?,
+        made: make_and_commit(job, output, checkpointer, accept)?,
         resumed_layers,
         resumed_index_layers,
     })
 }
 
-/// Makes everything in the work directory, then moves it to its final name.
+/// Makes everything in the work directory, then moves it to its final name if it is accepted.
 fn make_and_commit(
     job: &Conversion,
     mut output: Output,
     mut checkpointer: Checkpointer,
+    accept: &Accept,
 ) -> Result<Made> {
     let work = output.work().to_path_buf();
     let made = in_threads(job, || make(job, &work, &mut checkpointer))?;
+    let made = made.and_then(|made| accept(&work).map(|()| made));
     // usage errors come back with the same options, and nothing that was made of a changed input is of use
     let useless = matches!(made, Err(Error::Usage { .. } | Error::InputChanged { .. }));
     output.keep(checkpointer.has_any() && !useless);
@@ -493,7 +514,7 @@ fn stated(
     let cells = job.stated_cells(unlabelled, curve);
     let of_parts = cells.as_ref();
     let in_region = job.options.region.is_some();
-    let more = of_parts.and_then(|parts| warnings_of_parts(parts, totals.cells, in_region));
+    let more = of_parts.and_then(|parts| parts.warning(totals.cells, in_region));
     warnings.extend(more);
     warnings
         .iter()

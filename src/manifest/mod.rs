@@ -8,6 +8,7 @@ pub(crate) mod batch;
 mod form;
 mod levels;
 mod open;
+mod parts_by;
 mod seal;
 mod selection;
 mod shard;
@@ -23,6 +24,7 @@ pub use levels::{
 };
 pub(crate) use levels::{level_file, node_path, node_shard_path, tileset_path};
 pub use open::{MANIFEST, PARTIAL, file_inside, inside, is_plain, manifest_file};
+pub use parts_by::{PartsBy, SPLIT_VERSION};
 pub(crate) use seal::{checksum_of, own_checksum, sums_of};
 pub use selection::{ColourBy, Paint, Painted, Selection, Step, Table, WholeTotals};
 pub(crate) use selection::{LEGEND, LEGEND_SVG};
@@ -185,45 +187,6 @@ pub struct Source {
     pub part: Part,
     /// Where spacing, unit and origin came from.
     pub provenance: Provenance,
-}
-
-/// Value of `version` in [`PartsBy::Split`]: rules of other versions give other cells.
-pub const SPLIT_VERSION: u32 = 1;
-
-/// What cells are, where they are parts of the components of below voxels.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(tag = "by", rename_all = "lowercase")]
-pub enum PartsBy {
-    /// A volume of labels of the same size: the cell of a voxel below has the number of its label.
-    Labels {
-        /// The name of its file, without its directory.
-        file: String,
-        /// `crc32:` and 8 hexadecimal digits: for each row of the volume, by z and y, of each stretch of voxels with the
-        /// same label its first x and the label, eight bytes each, the lowest first.
-        checksum: String,
-        /// Voxels below with label 0, which are one cell; its id is one above the largest label. Absent if there is none.
-        #[serde(default, skip_serializing_if = "Option::is_none")]
-        unlabelled: Option<u64>,
-    },
-    /// Necks: see [`crate::split`].
-    Split {
-        /// [`SPLIT_VERSION`].
-        version: u32,
-        /// Cut where the radius of the opening is at most so many thousandths of that of the smaller cell.
-        ratio_permille: u32,
-        /// Not where the radius falls by less than this, in 1/256 of the finest voxel.
-        h_256: u32,
-        /// Nor where the smaller radius is less than this, in the same unit.
-        min_radius_256: u32,
-        /// Weights of squared steps along x, y and z.
-        weights: [u32; 3],
-        /// The weight of a step along the finest axis.
-        unit: u32,
-        /// Steps along the finest axis from which on distances are not told apart.
-        reach: u8,
-        /// Cells for other ratios: thousandths, and how many.
-        curve: Vec<[u64; 2]>,
-    },
 }
 
 fn is_zero(number: &u64) -> bool {

@@ -9,15 +9,17 @@ mod pairs;
 mod picture;
 mod plots;
 mod sources;
+mod split;
 
 pub use cells::{Form, Outlier};
 pub use pairs::{Necks, Walls};
 pub use picture::{Picture, SourceVolume};
 pub use sources::{DEFINITIONS, Definition};
+pub use split::{CurvePoint, SplitCells};
 
 use crate::error::{Error, Result};
 use crate::grid::{Ambiguous, Filter, Placement, Region, Unit};
-use crate::manifest::{Dust, Generator, GridInfo, Manifest, Selection, Source, Totals};
+use crate::manifest::{Dust, Generator, GridInfo, Manifest, PartsBy, Selection, Source, Totals};
 use crate::progress::Progress;
 use crate::structure::{Structure, Wanted, structure};
 use crate::sys::atomic_file::NewFile;
@@ -54,6 +56,9 @@ pub struct Report {
     /// Porosity by slices and boxes, orientation of the surface and lengths of lines.
     #[serde(flatten)]
     pub structure: Structure,
+    /// How cells were split, if they were.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub split: Option<SplitCells>,
     /// Necks between cells, if the set has a table of them.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub necks: Option<Necks>,
@@ -98,6 +103,9 @@ pub struct Settings {
     pub ambiguous: Ambiguous,
     /// The surface is closed at the faces of the grid.
     pub cap: bool,
+    /// What cells are, where they are parts of components.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub cells: Option<PartsBy>,
     /// What was left out as dust.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub dust: Option<Dust>,
@@ -120,6 +128,7 @@ impl Settings {
             threshold: m.threshold,
             ambiguous: m.ambiguous,
             cap: m.cap,
+            cells: m.cells.clone(),
             dust: m.dust,
             selection: m.selection.clone(),
         }
@@ -149,6 +158,7 @@ pub fn report(dir: &Path, options: &ReportOptions, progress: &dyn Progress) -> R
     let structure = structure(&set, &wanted, progress)?;
     let cells::Forms { forms, outliers } = cells::forms(dir, manifest, options.outside)?;
     let mut warnings = summary.warnings.clone();
+    warnings.extend(split::warning(manifest));
     warnings.extend(structure.notes.iter().cloned());
     let shown = picture::Shown {
         z: middle,
@@ -171,11 +181,12 @@ pub fn report(dir: &Path, options: &ReportOptions, progress: &dyn Progress) -> R
         totals: manifest.totals,
         summary,
         form: forms,
+        split: SplitCells::of(manifest),
         necks: pairs::necks(&set)?,
         walls: pairs::walls(&set)?,
         structure,
         outliers,
-        definitions: DEFINITIONS.to_vec(),
+        definitions: sources::definitions(manifest.cells.as_ref()),
         warnings,
         picture,
     })

@@ -3,6 +3,7 @@
 
 mod plotted;
 mod settings;
+mod split;
 
 use super::{Necks, Outlier, Report, Walls};
 use crate::picture::printed_unit;
@@ -43,6 +44,7 @@ pub fn page(report: &Report) -> String {
                 (form(report))
                 (plotted::porosity(report))
                 (anisotropy(report))
+                @if let Some(cells) = &report.split { (split::section(cells)) }
                 @if let Some(necks) = &report.necks { (of_necks(necks, unit(report))) }
                 @if let Some(walls) = &report.walls { (of_walls(walls, &report.summary)) }
                 (outliers(report))
@@ -120,6 +122,10 @@ fn results(report: &Report) -> Markup {
         ("cells", format!("{}{border}", count(s.count))),
         ("objects", count(report.totals.objects)),
     ];
+    if report.settings.cells.is_some() {
+        let components = count(report.totals.components);
+        lines.insert(2, ("connected components", components));
+    }
     if s.outside == Outside::BorderCell {
         let voxels = things(s.outside_voxels, "voxel");
         let text = format!(

@@ -54,7 +54,7 @@ fn range(values: impl Iterator<Item = f64>) -> std::ops::Range<f64> {
     }
     match low < high {
         true => low..high,
-        false if low.is_finite() => low - 0.5 * low.abs().max(1.0)..low + 0.5 * low.abs().max(1.0),
+        false if low.is_finite() && low != 0.0 => low - 0.5 * low.abs()..low + 0.5 * low.abs(),
         false => 0.0..1.0,
     }
 }
@@ -154,16 +154,15 @@ pub fn growing(data: &Growing, axes: &Axes) -> String {
             .margin(8)
             .x_label_area_size(46)
             .y_label_area_size(66)
-            .build_cartesian_2d((low..x.end.max(low * 1.001)).log_scale(), y)?;
-        let label = |v: &f64| number(*v, 3);
+            .build_cartesian_2d((low..x.end.max(low * 1.001)).log_scale(), y.clone())?;
         chart
             .configure_mesh()
             .light_line_style(TRANSPARENT)
             .bold_line_style(GRID)
             .x_desc(axes.x)
             .y_desc(axes.y)
-            .x_label_formatter(&label)
-            .y_label_formatter(&label)
+            .x_label_formatter(&|v| number(*v, 3))
+            .y_label_formatter(&|v| tick(*v, &y))
             .label_style(("sans-serif", 14).into_font().color(&INK))
             .draw()?;
         for mean in data.means {
@@ -191,6 +190,12 @@ pub fn growing(data: &Growing, axes: &Axes) -> String {
     })
 }
 
+/// A tick's number; what is left of a tick at 0 is 0.
+fn tick(v: f64, range: &std::ops::Range<f64>) -> String {
+    let left = v.abs() < 1e-9 * (range.end - range.start);
+    number(if left { 0.0 } else { v }, 3)
+}
+
 type Chart<'a> = ChartContext<
     'a,
     SVGBackend<'a>,
@@ -208,8 +213,7 @@ fn chart<'a>(
         .margin(8)
         .x_label_area_size(46)
         .y_label_area_size(66)
-        .build_cartesian_2d(x, y)?;
-    let label = |v: &f64| number(*v, 3);
+        .build_cartesian_2d(x.clone(), y.clone())?;
     chart
         .configure_mesh()
         .disable_x_mesh()
@@ -217,8 +221,8 @@ fn chart<'a>(
         .bold_line_style(GRID)
         .x_desc(axes.x)
         .y_desc(axes.y)
-        .x_label_formatter(&label)
-        .y_label_formatter(&label)
+        .x_label_formatter(&|v| tick(*v, &x))
+        .y_label_formatter(&|v| tick(*v, &y))
         .label_style(("sans-serif", 14).into_font().color(&INK))
         .draw()?;
     Ok(chart)

@@ -1,5 +1,6 @@
 //! How the numbers of a report are defined, and where their formulas come from.
 
+use crate::manifest::PartsBy;
 use serde::Serialize;
 
 /// A quantity, its definition and its source.
@@ -25,8 +26,32 @@ const fn definition(
     }
 }
 
+/// What a cell is: of connected components, of cells that were split, and of those of labels.
+const CELL: [&str; 3] = [
+    "cell, object",
+    "cell (split), component, object",
+    "cell (labels), component, object",
+];
+/// Of cells that were split alone.
+const OF_SPLIT: [&str; 2] = ["split", "neck, neck radius"];
+
+/// Those that a set with cells of this kind needs.
+pub(super) fn definitions(cells: Option<&PartsBy>) -> Vec<Definition> {
+    let own = match cells {
+        None => CELL[0],
+        Some(PartsBy::Split { .. }) => CELL[1],
+        Some(PartsBy::Labels { .. }) => CELL[2],
+    };
+    let is_split = own == CELL[1];
+    let needed = |d: &Definition| {
+        let quantity = &d.quantity;
+        *quantity == own || !CELL.contains(quantity) && (is_split || !OF_SPLIT.contains(quantity))
+    };
+    DEFINITIONS.into_iter().filter(needed).collect()
+}
+
 /// In the order of the report.
-pub const DEFINITIONS: [Definition; 13] = [
+pub const DEFINITIONS: [Definition; 17] = [
     definition(
         "surface",
         "Marching cubes at the threshold; vertices linear between two voxels, on a lattice of 1/256 voxel. On an ambiguous \
@@ -34,10 +59,37 @@ pub const DEFINITIONS: [Definition; 13] = [
         "W. E. Lorensen, H. E. Cline, Computer Graphics (SIGGRAPH) 21(4), 1987, 163-169",
     ),
     definition(
-        "cell, object",
+        CELL[0],
         "Connected voxels below and at or above the threshold. Rule separate: cells over faces and edges (18 neighbours), \
          objects over faces (6); rule join: the other way round.",
         "A. Rosenfeld, Journal of the ACM 17, 1970, 146-160",
+    ),
+    definition(
+        CELL[1],
+        "Components are connected voxels below the threshold, objects those at or above it. Rule separate: components over \
+         faces and edges (18 neighbours), objects over faces (6); rule join: the other way round. A cell is a component, or \
+         a part of one that was cut from the others at necks.",
+        "A. Rosenfeld, Journal of the ACM 17, 1970, 146-160",
+    ),
+    definition(
+        CELL[2],
+        "Components are connected voxels below the threshold, objects those at or above it. Rule separate: components over \
+         faces and edges (18 neighbours), objects over faces (6); rule join: the other way round. A cell is the voxels below \
+         that have one label in the file of labels; those with label 0 are one more.",
+        "A. Rosenfeld, Journal of the ACM 17, 1970, 146-160",
+    ),
+    definition(
+        OF_SPLIT[0],
+        "The radius of a voxel below is its distance to the nearest voxel above. From each voxel the steepest way up leads to a \
+         summit. Two hills are one cell unless the highest pass between them has at most the ratio times the radius of the \
+         lower summit, and less than it by h at least, and that summit has the smallest radius at least.",
+        "F. Meyer, Signal Processing 38, 1994, 113-125; H. Carr, J. Snoeyink, U. Axen, Computational Geometry 24, 2003, 75-94",
+    ),
+    definition(
+        OF_SPLIT[1],
+        "A neck is where two cells of a component touch. Its radius is that of the highest pass between them: of the largest \
+         ball that goes through. Its ratio is this by the radius of the lower summit, where the two were cut from each other.",
+        "F. Meyer, Signal Processing 38, 1994, 113-125",
     ),
     definition(
         "porosity",

@@ -397,3 +397,168 @@ fn odd_sets_have_a_page_too() {
             .contains("a part of a tile set")
     );
 }
+
+/// A foam whose cells leak, in `leaky.raw`.
+fn leaky(dir: &Path) {
+    let phantom = "phantom foam leaky.raw --dims 60,52,48 --noise 0.3 -q";
+    ok(dir, &phantom.split(' ').collect::<Vec<_>>());
+}
+
+const RAW: &str = "--dims 60,52,48 --dtype u8 --threshold 120 -q";
+
+fn run(dir: &Path, words: &str) -> String {
+    ok(dir, &words.split_whitespace().collect::<Vec<_>>())
+}
+
+#[test]
+fn how_cells_were_split_is_told() {
+    let dir = temp();
+    let dir = dir.path();
+    leaky(dir);
+    run(
+        dir,
+        &format!("convert leaky.raw split {RAW} --split 0.85 --split-h 0.25 --split-min-radius 1"),
+    );
+    let found = json(&run(dir, "report split page.html --json"));
+    let curve = json(&run(dir, "cells split --split-curve --json"));
+    let split = &found["split"];
+    assert_eq!(
+        (&split["h"], &split["min_radius"]),
+        (&0.25.into(), &1.0.into())
+    );
+    for key in ["ratio", "cells", "components", "split_curve"] {
+        assert_eq!(split[key], curve[key], "{key}");
+    }
+    assert!(split["cells"].as_u64() > split["components"].as_u64());
+    assert_eq!(found["settings"]["cells"]["ratio_permille"], 850);
+    let page = page(dir, "page.html");
+    let info = run(dir, "info split");
+    let words = "split at necks: ratio 0.85, h 0.25, min radius 1";
+    assert!(info.contains(words) && page.contains(words));
+    for part in [
+        "connected components",
+        "these tiles",
+        "<dt>split</dt>",
+        "<dt>neck, neck radius</dt>",
+        "or a part of one that was cut",
+    ] {
+        assert!(page.contains(part), "{part}");
+    }
+    assert!(
+        !page.contains("<dt>cell, object</dt>") && !page.contains("labels"),
+        "{page}"
+    );
+}
+
+/// The same words as when it was converted.
+#[test]
+fn structures_without_clear_necks_are_warned_of() {
+    let dir = temp();
+    let dir = dir.path();
+    let phantom = "phantom noise open.raw --dims 60,52,48 -q";
+    ok(dir, &phantom.split(' ').collect::<Vec<_>>());
+    let convert = "convert open.raw open --dims 60,52,48 --dtype u8 --smooth 2 --threshold porosity=50% --split";
+    let said = stderr(&alvis(dir, &convert.split(' ').collect::<Vec<_>>()));
+    let warning = said.lines().find(|l| l.contains("hangs on the ratio"));
+    let warning = warning.unwrap_or_else(|| panic!("{said}"));
+    let warning = warning.trim_start_matches("warning: ");
+    let found = json(&run(dir, "report open --json -q"));
+    let warnings = found["warnings"].as_array().unwrap();
+    assert!(
+        warnings.iter().any(|w| w == warning),
+        "{warning}: {warnings:?}"
+    );
+}
+
+#[test]
+fn cells_of_labels_name_their_file() {
+    let dir = temp();
+    let dir = dir.path();
+    leaky(dir);
+    // of each voxel the half of the volume that it is in
+    let scan = std::fs::read(dir.join("leaky.raw")).unwrap();
+    let labels: Vec<u8> = (0..scan.len())
+        .map(|i| if i % 60 < 30 { 1 } else { 2 })
+        .collect();
+    let header = "NRRD0004\ntype: uint8\ndimension: 3\nsizes: 60 52 48\nencoding: raw\n\n";
+    std::fs::write(
+        dir.join("halves.nrrd"),
+        [header.as_bytes(), &labels].concat(),
+    )
+    .unwrap();
+    run(
+        dir,
+        &format!("convert leaky.raw set {RAW} --labels halves.nrrd"),
+    );
+    let found = json(&run(dir, "report set page.html --json -q"));
+    assert_eq!(found["settings"]["cells"]["file"], "halves.nrrd");
+    assert_eq!(found.get("split"), None);
+    let page = page(dir, "page.html");
+    for part in [
+        "by the labels of halves.nrrd",
+        "one label in the file of labels",
+        "connected components",
+    ] {
+        assert!(page.contains(part), "{part}");
+    }
+    assert!(!page.contains("<dt>cell, object</dt>") && !page.contains("<dt>split</dt>"));
+}
+
+/// The deviation by volume of one cell is 0, and no root of less than 0.
+#[test]
+fn one_cell_does_not_vary() {
+    let dir = temp();
+    let dir = dir.path();
+    for voxels in 1..12 {
+        let mut scan = vec![200_u8; 20 * 6 * 6];
+        scan[20 * 14 + 4..][..voxels].fill(10);
+        std::fs::write(dir.join("one.raw"), scan).unwrap();
+        run(
+            dir,
+            "convert one.raw set --dims 20,6,6 --dtype u8 --threshold 100 --spacing 0.3 --unit mm --force -q",
+        );
+        let found = json(&run(dir, "cells set --summary --json"));
+        let spread = &found["equivalent_diameter"]["volume"];
+        assert_eq!(spread["sd"], 0.0, "{voxels}: {spread}");
+        assert_eq!(spread["mean"], spread["min"], "{voxels}: {spread}");
+    }
+}
+
+#[test]
+fn a_volume_of_another_size_is_refused_by_the_option_that_gave_it() {
+    let dir = temp();
+    let dir = dir.path();
+    foam(dir);
+    run(dir, "phantom foam larger.mhd --dims 48,40,36 -q");
+    let message = fails(
+        dir,
+        &["report", "tiles", "a.html", "--against", "larger.mhd"],
+    );
+    assert!(
+        message.contains("--against: found larger.mhd of 48 x 40 x 36"),
+        "{message}"
+    );
+    assert!(
+        message.contains("44 x 40 x 36") && !message.contains("--tiles"),
+        "{message}"
+    );
+}
+
+/// Nothing is below the threshold, or everything: there is no plot of that.
+#[test]
+fn a_set_without_cells_has_no_plots_of_them() {
+    let dir = temp();
+    let dir = dir.path();
+    foam(dir);
+    for (threshold, porosity) in [("0", "0.0 %"), ("256", "100")] {
+        run(
+            dir,
+            &format!("convert foam.mhd none --threshold {threshold} --force -q"),
+        );
+        run(dir, "report none none.html --force -q");
+        let page = page(dir, "none.html");
+        assert!(!page.contains("e-17") && !page.contains("<svg"));
+        let words = format!("have the same porosity, {porosity}");
+        assert!(page.contains(&words), "{words}");
+    }
+}

@@ -1,6 +1,6 @@
 //! `split`: a tile set again, its cells cut at another ratio.
 
-use super::{fails, json, ok, temp};
+use super::{alvis, fails, json, ok, stderr, temp};
 use std::collections::BTreeMap;
 use std::path::Path;
 
@@ -106,7 +106,14 @@ fn what_it_needs_is_said() {
         "phantom foam other.raw --dims 60,52,48 --seed 7 --quiet",
     );
     let message = split(&["--against", "other.raw", "--quiet"]);
-    assert!(message.contains("voxels above the threshold"), "{message}");
+    for part in [
+        "totals/objects 1;",
+        "totals/objects 1285;",
+        "nothing was written to new",
+    ] {
+        assert!(message.contains(part), "{part}: {message}");
+    }
+    assert!(!dir.join("new").exists());
     run(dir, "select out part --where voxels>100 --quiet");
     let refused = [
         "split",
@@ -153,4 +160,174 @@ fn a_mask_is_given_again() {
         "split old new --ratio 0.65 --against leaky.raw --mask mask.nrrd --quiet",
     );
     assert!(all_files(&dir.join("new")) == all_files(&dir.join("expected")));
+}
+
+/// Refuses `volume` for the set `old`, whether a new set is to be made or `old` replaced; nothing changes then. Returns the
+/// message.
+fn refused(dir: &Path, volume: &str) -> String {
+    let before = all_files(&dir.join("old"));
+    let anew = |dest: &str, more: &[&str]| {
+        let words = [
+            "split",
+            "old",
+            dest,
+            "--ratio",
+            "0.5",
+            "--against",
+            volume,
+            "-q",
+        ];
+        fails(dir, &[&words, more].concat())
+    };
+    let message = anew("new", &[]);
+    assert!(message.contains("--against"), "{message}");
+    assert!(!dir.join("new").exists(), "{message}");
+    anew("old", &["--force"]);
+    assert!(before == all_files(&dir.join("old")), "{message}");
+    message
+}
+
+#[test]
+fn another_volume_is_refused_before_anything_is_made() {
+    let dir = temp();
+    let dir = dir.path();
+    run(
+        dir,
+        "phantom foam scan.mhd --dims 60,52,48 --noise 0.3 --spacing 1 --unit mm -q",
+    );
+    run(
+        dir,
+        "convert scan.mhd old --threshold otsu --downsample 2 --split 0.9 -q",
+    );
+    run(
+        dir,
+        "phantom foam larger.mhd --dims 64,52,48 --spacing 1 --unit mm -q",
+    );
+    let message = refused(dir, "larger.mhd");
+    for part in [
+        "voxels 64 x 52 x 48",
+        "voxels 60 x 52 x 48",
+        "after filters 32 x 26 x 24",
+    ] {
+        assert!(message.contains(part), "{part}: {message}");
+    }
+    let text = std::fs::read_to_string(dir.join("scan.mhd")).unwrap();
+    let of = |from: &str, to: &str| {
+        std::fs::write(dir.join("other.mhd"), text.replace(from, to)).unwrap()
+    };
+    of("MET_UCHAR", "MET_CHAR");
+    let message = refused(dir, "other.mhd");
+    assert!(
+        message.contains("samples i8") && message.contains("samples u8"),
+        "{message}"
+    );
+    of("ElementSpacing = 1 1 1", "ElementSpacing = 1 1 2");
+    assert!(refused(dir, "other.mhd").contains("[2.0, 2.0, 4.0]"));
+    std::fs::remove_dir_all(dir.join("old")).unwrap();
+    leaky(dir);
+    run(
+        dir,
+        &format!("convert leaky.raw old {RAW} --threshold otsu --split 0.9 -q"),
+    );
+    std::fs::write(dir.join("short.raw"), [0; 1000]).unwrap();
+    let message = refused(dir, "short.raw");
+    assert!(
+        message.contains("1000 bytes") && message.contains("60 x 52 x 48"),
+        "{message}"
+    );
+}
+
+/// Counts of voxels, objects and parts are the same of all these.
+#[test]
+fn a_volume_that_counts_the_same_is_not_taken_for_the_other() {
+    let dir = temp();
+    let dir = dir.path();
+    leaky(dir);
+    let scan = std::fs::read(dir.join("leaky.raw")).unwrap();
+    let write = |bytes: &[u8]| std::fs::write(dir.join("other.raw"), bytes).unwrap();
+    for parts in ["--split 0.9", ""] {
+        let _ = std::fs::remove_dir_all(dir.join("old"));
+        run(
+            dir,
+            &format!("convert leaky.raw old {RAW} --threshold 120 {parts} -q"),
+        );
+        let mirrored: Vec<u8> = scan
+            .chunks(60)
+            .flat_map(|row| row.iter().rev().copied())
+            .collect();
+        write(&mirrored);
+        let message = refused(dir, "other.raw");
+        assert!(message.contains("objects.csv: "), "{message}");
+        // the same phases; the surface is a little elsewhere
+        let greys: Vec<u8> = scan
+            .iter()
+            .map(|&v| if v >= 120 { v.max(121) } else { v })
+            .collect();
+        assert!(greys != scan);
+        write(&greys);
+        let message = refused(dir, "other.raw");
+        assert!(message.contains("totals/volume6"), "{message}");
+        write(&scan);
+        let words = "split old new --ratio 0.5 --against other.raw";
+        let words: Vec<&str> = words.split(' ').collect();
+        let found = alvis(dir, &words);
+        let said = stderr(&found);
+        assert_eq!(found.status.code(), Some(0), "{said}");
+        assert!(
+            said.contains("warning: the volume is named \"other.raw\""),
+            "{said}"
+        );
+        assert_eq!(said.contains("not split yet"), parts.is_empty(), "{said}");
+        std::fs::remove_dir_all(dir.join("new")).unwrap();
+    }
+}
+
+#[test]
+fn what_the_new_set_has_not_is_said() {
+    let dir = temp();
+    let dir = dir.path();
+    leaky(dir);
+    run(
+        dir,
+        &format!("convert leaky.raw old {RAW} --threshold otsu --lod -q"),
+    );
+    run(dir, "select old painted --colour-by volume -q");
+    let said = |words: &str| {
+        let found = alvis(dir, &words.split(' ').collect::<Vec<_>>());
+        assert_eq!(found.status.code(), Some(0), "{}", stderr(&found));
+        stderr(&found)
+    };
+    let notes = said("split old new --ratio 0.5 --against leaky.raw");
+    assert!(notes.contains("old has levels of detail"), "{notes}");
+    assert!(
+        notes.contains("--split-h 0.5 and --split-min-radius 0"),
+        "{notes}"
+    );
+    let notes = said("split painted also --ratio 0.5 --against leaky.raw");
+    assert!(notes.contains("painted is painted"), "{notes}");
+    assert!(all_files(&dir.join("new")) == all_files(&dir.join("also")));
+    let notes = said("split new again --ratio 0.6 --against leaky.raw");
+    assert!(
+        !notes.contains("levels") && !notes.contains("not split"),
+        "{notes}"
+    );
+}
+
+#[test]
+fn a_ratio_that_cannot_be_has_words_of_its_own() {
+    let dir = temp();
+    for ratio in ["0", "1.01", "nan", "80%"] {
+        let words = [
+            "split",
+            "out",
+            "new",
+            "--against",
+            "x.raw",
+            "--ratio",
+            ratio,
+        ];
+        let message = stderr(&alvis(dir.path(), &words));
+        assert!(message.contains("from 0.001 to 1, as 0.7"), "{message}");
+        assert!(!message.contains("names of files"), "{message}");
+    }
 }

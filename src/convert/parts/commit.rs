@@ -8,7 +8,7 @@ use crate::convert::parts::small::left_out;
 use crate::convert::parts::split::{MergedCells, MeshedPart};
 use crate::convert::parts::work::{FinishedPart, LAYERS, LabelsOfPart, tables};
 use crate::convert::totals::{dust_of, together};
-use crate::convert::warnings::{warnings, warnings_of_parts};
+use crate::convert::warnings::warnings;
 use crate::error::{Error, Result};
 use crate::manifest::{LayerRecord, Manifest, Totals, shard_path, sums_of};
 use crate::tileset::{Output, PLAN, TilesetWriter, layer_directory, make_directories};
@@ -87,7 +87,7 @@ impl Commit<'_> {
         let cells = job.stated_cells(self.unlabelled()?, &self.curve()?);
         let of_parts = cells.as_ref();
         let in_region = job.options.region.is_some();
-        let more = of_parts.and_then(|parts| warnings_of_parts(parts, totals.cells, in_region));
+        let more = of_parts.and_then(|parts| parts.warning(totals.cells, in_region));
         warnings.extend(more);
         warnings
             .iter()

@@ -62,6 +62,21 @@ pub fn porosity(report: &Report) -> Markup {
     let Some(profile) = &structure.profile else {
         return html! {};
     };
+    let slices = [&profile.x, &profile.y, &profile.z];
+    let mut known = slices
+        .iter()
+        .flat_map(|axis| axis.porosity.iter().flatten());
+    let first = known.next().copied();
+    // all or nothing is below the threshold, or nothing counts: plots would show noise of rounding
+    if first.is_none_or(|first| (first == 0.0 || first == 1.0) && known.all(|p| *p == first)) {
+        let all = first.map_or("no porosity".to_owned(), |first| {
+            format!("the same porosity, {}", percent(first))
+        });
+        return html! {
+            h2 { "Porosity by place" }
+            p { "All slices and boxes have " (all) "." }
+        };
+    }
     let length = printed_unit(unit(report));
     html! {
         h2 { "Porosity by place" }

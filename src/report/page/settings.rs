@@ -69,6 +69,7 @@ fn surface(report: &Report) -> Vec<(&'static str, String)> {
     if s.cap {
         rows.push(("surface", "closed at the faces of the grid".to_owned()));
     }
+    rows.extend(s.cells.as_ref().map(|by| ("cells", by.to_string())));
     if let Some(dust) = s.dust {
         let text = format!(
             "objects and cells of fewer than {} voxels left out: {} with {}, {} with {}",
