@@ -15,6 +15,7 @@
 
 mod borders;
 mod entries;
+mod error;
 mod fins;
 mod node;
 mod tree;

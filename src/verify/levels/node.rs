@@ -3,9 +3,10 @@
 use super::Set;
 use super::borders::{Borders, Edge, Planes, Point, Sums};
 use super::entries::{Child, Family};
+use super::error::check_error;
 use super::fins::Fins;
 use crate::grid::LATTICE;
-use crate::lod::{NodePlace, error_of};
+use crate::lod::NodePlace;
 use crate::manifest::{Level, NodeEntry};
 use crate::sys::direct_io::Buffer;
 use crate::tile::node::{SurfacePart, parts_of_node, parts_of_tile};
@@ -17,9 +18,6 @@ use crate::verify::layout::joints;
 use crate::verify::report::{Issue, Issues};
 use serde_json::{Map, Value};
 use std::collections::{BTreeMap, BTreeSet};
-
-/// Share by which a measured error may differ: corners of triangles come in another order.
-const ERROR: f64 = 1e-3;
 
 /// Checks the nodes of a level and adds them up.
 pub(super) struct Checker<'a> {
@@ -37,6 +35,12 @@ struct Node {
     pieces: Vec<Part>,
     fins: Vec<Part>,
     bounds: [Point; 2],
+}
+
+/// What the children of a node hold, child by child: as whole numbers, and as it is when a node is made.
+struct Lower {
+    parts: Vec<Vec<Part>>,
+    surfaces: Vec<Vec<SurfacePart>>,
 }
 
 struct Part {
@@ -95,12 +99,22 @@ impl<'a> Checker<'a> {
         let planes = Planes::of(self.set.tiling, self.level.level, entry.grid);
         let open = self.check_edges(entry, &node, &planes, borders, issues);
         let own = parts_of_node(self.bytes.get()).ok();
-        let Some((below, parts)) = self.below(family) else {
+        let Some(Lower {
+            parts: below,
+            surfaces,
+        }) = self.below(family)
+        else {
             return;
         };
         check_ids(entry, &node, &below, issues);
         if let Some(own) = own {
-            self.check_error(entry, family, &own, parts, issues);
+            let place = NodePlace {
+                tiling: self.set.tiling,
+                level: self.level.level,
+                place: entry.grid,
+                block: self.level.block,
+            };
+            check_error(entry, &place, family, (&own, surfaces), issues);
         }
         let covered = Covered {
             entry,
@@ -271,32 +285,6 @@ impl<'a> Checker<'a> {
         }
     }
 
-    /// Measures how far what lies below is from the node's own surfaces.
-    fn check_error(
-        &self,
-        entry: &NodeEntry,
-        family: &Family,
-        own: &[SurfacePart],
-        below: Vec<Vec<SurfacePart>>,
-        issues: &mut Issues,
-    ) {
-        let place = NodePlace {
-            tiling: self.set.tiling,
-            level: self.level.level,
-            place: entry.grid,
-            block: self.level.block,
-        };
-        let most = family.children.iter().map(|c| c.error).fold(0.0, f64::max);
-        let found = error_of(&place, own, below, most);
-        if (entry.error - found).abs() > ERROR * found {
-            let message = format!(
-                "found {}, its surfaces lie {found} voxels from those of the tiles, by those of the nodes below",
-                entry.error
-            );
-            issues.add(Code::LodError, &entry.path, message);
-        }
-    }
-
     /// Finds the edges that the node leaves open, and hands on those that others must have.
     fn check_edges(
         &mut self,
@@ -341,9 +329,9 @@ impl<'a> Checker<'a> {
     }
 
     /// Reads what lies below a node; `None` if it cannot be read, which has been reported before.
-    fn below(&mut self, family: &Family) -> Option<(Vec<Vec<Part>>, Vec<Vec<SurfacePart>>)> {
+    fn below(&mut self, family: &Family) -> Option<Lower> {
         let mut all = Vec::with_capacity(family.children.len());
-        let mut parts = Vec::with_capacity(all.len());
+        let mut surfaces = Vec::with_capacity(family.children.len());
         for child in &family.children {
             let expected = Expected {
                 path: &child.path,
@@ -364,11 +352,14 @@ impl<'a> Checker<'a> {
                 true => parts_of_tile(bytes, self.set.manifest.primitives),
                 false => parts_of_node(bytes),
             };
-            parts.push(read.ok()?);
+            surfaces.push(read.ok()?);
             all.push(pieces.into_iter().map(part).collect());
         }
         debug_assert_eq!(self.over_tiles, family.below.is_tiles());
-        Some((all, parts))
+        Some(Lower {
+            parts: all,
+            surfaces,
+        })
     }
 
     /// Compares the level's sums with those of its nodes.
