@@ -323,6 +323,16 @@ fn of_mask(error: Error, path: &Path, dims: Dims) -> Error {
             let hint = "give one of another type a header, as .mhd or .nrrd";
             Error::usage("--roi", found, expected).with_hint(hint)
         }
+        // zeros and ones cannot be interpolated
+        Error::Unsupported { ref hint, .. } if hint.contains("--resample") => {
+            let found = format!(
+                "the mask {}, on axes or steps that are not regular",
+                path.display()
+            );
+            let expected = format!("a mask on the grid of the volume, of {dims} voxels");
+            Error::usage("--roi", found, expected)
+                .with_hint("of a volume that --resample interpolates, that is the grid that `alvis info` tells")
+        }
         error => error,
     }
 }
