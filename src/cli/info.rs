@@ -213,6 +213,10 @@ impl InfoArgs {
             Some(t) => Some(self.predict(&opened, roi.as_ref(), crop.as_ref(), t, console)?),
             None => None,
         };
+        if predicted.is_some_and(|p| p.voxels == 0) {
+            let text = "nothing in the crop was measured: it lies where the grid is filled up";
+            opened.warnings.push(text.to_owned());
+        }
         if let Some(warning) = stamp.check()? {
             console.warn(&warning);
         }
@@ -461,10 +465,7 @@ fn marks(
 
 /// The share of the voxels that count, for people.
 fn share_above(p: Predicted) -> String {
-    match p.voxels {
-        0 => "none of which was measured".to_owned(),
-        _ => percent(p.voxels_above as f64 / p.voxels as f64),
-    }
+    percent(p.voxels_above as f64 / p.voxels.max(1) as f64)
 }
 
 fn expected(p: Predicted) -> String {

@@ -185,13 +185,15 @@ impl Set<'_> {
         for (i, level) in levels.levels.iter().enumerate() {
             let below = i.checked_sub(1).map(|i| &levels.levels[i]);
             let found = [level.block, level.step];
-            let expected = block_and_step(self.manifest, below, levels.ratio).ok();
-            if expected != Some(found) {
-                let message = format!(
-                    "found block and step {found:?}, expected {expected:?} by the ratio and the level below"
-                );
-                issues.add(Code::LodValue, format!("{LEVELS}#/levels/{i}"), message);
-            }
+            let expected = match block_and_step(self.manifest, below, levels.ratio) {
+                Ok(expected) if expected == found => continue,
+                Ok(expected) => format!("{expected:?}"),
+                Err(e) => format!("none: {e}"),
+            };
+            let message = format!(
+                "found block and step {found:?}, expected {expected} by the ratio and the level below"
+            );
+            issues.add(Code::LodValue, format!("{LEVELS}#/levels/{i}"), message);
         }
     }
 
