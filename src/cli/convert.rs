@@ -165,8 +165,9 @@ pub struct ConvertArgs {
     /// nothing is done.
     #[arg(long)]
     pub resume: bool,
-    /// Add levels of detail when the tiles are done, as `alvis lod` does
-    #[arg(long, conflicts_with_all = ["split", "labels"])]
+    /// Add levels of detail when the tiles are done, as `alvis lod` does; not with --split or --labels, where they would gape
+    /// between cells that touch
+    #[arg(long)]
     pub(super) lod: bool,
     /// Look at the tiles in the browser when they are done, as `alvis view` does
     #[arg(long, conflicts_with_all = ["json", "out_dir"])]
@@ -194,6 +195,7 @@ pub struct Printed<'a> {
 impl ConvertArgs {
     /// Converts one volume or several; `typed` is the command line that asks for it.
     pub fn run(self, typed: &[OsString]) -> Result<Outcome> {
+        self.check_lod()?;
         let (None, Some(out)) = (&self.out_dir, &self.out) else {
             return batch::run(self, typed);
         };
@@ -215,6 +217,23 @@ impl ConvertArgs {
         match self.view {
             true => ViewArgs::of(out, self.common.quiet).run(),
             false => Ok(Outcome::Done),
+        }
+    }
+
+    /// Refuses levels of detail of cells that are parts of components.
+    fn check_lod(&self) -> Result<()> {
+        let option = match (self.split.is_some(), self.labels.is_some()) {
+            (true, _) => "--split",
+            (_, true) => "--labels",
+            _ => return Ok(()),
+        };
+        match self.lod {
+            true => Err(Error::usage(
+                "--lod",
+                format!("it with {option}"),
+                "one of the two: levels of such a set would gape where cells touch",
+            )),
+            false => Ok(()),
         }
     }
 

@@ -5,6 +5,7 @@ use super::progress::Console;
 use super::{Outcome, output, parse};
 use crate::error::{Error, Result};
 use crate::lod::{LodOptions, LodReport, lod};
+use crate::manifest::Manifest;
 use crate::sys::process_memory::keep_large_buffers;
 use clap::{Args, ValueHint};
 use std::path::{Path, PathBuf};
@@ -25,8 +26,7 @@ pub struct LodArgs {
     out: PathBuf,
     /// Share of the triangles that a level keeps of the one below: 1/8, 0.2 or 20%
     ///
-    /// Top levels of small sets keep more, often half and above: what has no more than a 200th of the triangles of the
-    /// tiles, and 1000 in a node, is not thinned out for it.
+    /// Top levels of small sets keep more, often over half: a node may keep up to 1000.
     #[arg(long, value_name = "SHARE", default_value = "1/8", allow_hyphen_values = true, value_parser = share)]
     ratio: f64,
     /// The most levels, the tiles counted [default: as many as lead to one root]
@@ -104,6 +104,20 @@ impl LodArgs {
         }
         Ok(Outcome::Done)
     }
+}
+
+/// Says of a set made of another one, in `dest`, that it has none of the levels of that.
+///
+/// # Errors
+/// Those of [`Manifest::open`].
+pub fn note_dropped(from: &Path, dest: &Path, console: &Console) -> Result<()> {
+    if Manifest::open(from)?.lod.is_some() {
+        let dest = output::shell_word(dest.as_os_str());
+        console.note(&format!(
+            "levels of detail are not kept: `alvis lod {dest}` makes them"
+        ));
+    }
+    Ok(())
 }
 
 /// What was made, or is there, for people.
