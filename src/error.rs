@@ -128,8 +128,8 @@ pub enum Error {
         /// The name of what is in it.
         entry: std::ffi::OsString,
     },
-    /// Another conversion writes into the output directory.
-    #[error("{}: another conversion is writing there: wait until it is done, or give another directory", path.display())]
+    /// Another run writes into the output directory.
+    #[error("{}: another run of alvis is writing there: wait until it is done, or give another directory", path.display())]
     OutputBusy {
         /// The directory.
         path: PathBuf,

@@ -707,6 +707,176 @@ fn levels_that_cannot_be_read_are_replaced_and_finished_ones_stay() {
     );
 }
 
+/// Begins and stops after so many nodes, as a process that is killed does.
+fn stopped(dir: &Path, options: &LodOptions, nodes: u64) {
+    let options = LodOptions {
+        threads: 1,
+        ..*options
+    };
+    let error = lod(dir, &options, &StopsAfter(AtomicU64::new(nodes))).unwrap_err();
+    assert!(matches!(error, Error::Resumable { .. }), "{error}");
+    assert!(interrupted(dir));
+}
+
+/// Finished levels that were being replaced, those of other options and of the same, are replaced by going on.
+#[test]
+fn replacing_levels_goes_on_in_place_of_the_finished_ones() {
+    let dir = gyroid(Primitives::Strips);
+    let force = LodOptions {
+        force: true,
+        ..LodOptions::default()
+    };
+    made(dir.path(), &force);
+    let wanted = files(dir.path());
+    let two = LodOptions {
+        levels: Some(2),
+        ..force
+    };
+    let resume = LodOptions {
+        resume: true,
+        ..LodOptions::default()
+    };
+    for old in [two, force] {
+        made(dir.path(), &old);
+        stopped(dir.path(), &force, 12);
+        let plain = lod(dir.path(), &LodOptions::default(), &Quiet).unwrap_err();
+        assert!(plain.to_string().contains("--resume"), "{plain}");
+        let made = made(dir.path(), &resume);
+        assert!(made.levels == 5 && made.bytes_written > 0, "{made:?}");
+        assert_same_files(&wanted, &files(dir.path()), "gone on with");
+    }
+    // once that is done nothing is left to do
+    let said = Said::default();
+    lod(dir.path(), &resume, &said).unwrap();
+    assert!(said.0.into_inner().unwrap()[0].contains("nothing was done"));
+}
+
+/// What is there of nodes, and when their files were written.
+fn nodes_in(work: &Path) -> BTreeMap<String, std::time::SystemTime> {
+    let names = files(work).into_keys().filter(|n| n.ends_with(".glb"));
+    let time = |name: &String| fs::metadata(work.join(name)).unwrap().modified().unwrap();
+    names.map(|name| (name.clone(), time(&name))).collect()
+}
+
+/// Nodes that are done stay, unless all are asked to be made anew: of another ratio they are refused, and whatever
+/// changes no node goes on with them.
+#[test]
+fn finished_nodes_are_not_thrown_away() {
+    let dir = gyroid(Primitives::Strips);
+    let work = dir.path().join(".alvis-partial");
+    let resume = LodOptions {
+        threads: 1,
+        resume: true,
+        ..LodOptions::default()
+    };
+    stopped(dir.path(), &LodOptions::default(), 21);
+    let done = nodes_in(&work);
+    assert!(done.len() >= 20, "{}", done.len());
+    let quarter = LodOptions {
+        ratio: 0.25,
+        ..resume
+    };
+    let said = lod(dir.path(), &quarter, &Quiet).unwrap_err().to_string();
+    for word in ["--ratio 0.125, all", "--ratio 0.25, all", "--force"] {
+        assert!(said.contains(word), "{word} in {said}");
+    }
+    let little = LodOptions {
+        memory: 1 << 20,
+        ..resume
+    };
+    let said = lod(dir.path(), &little, &Quiet).unwrap_err().to_string();
+    assert!(said.contains("--memory"), "{said}");
+    assert_eq!(nodes_in(&work), done);
+
+    // other pixels and fewer levels
+    let other = LodOptions {
+        levels: Some(3),
+        pixel_error: 2.0,
+        ..resume
+    };
+    stopped(
+        dir.path(),
+        &LodOptions {
+            levels: None,
+            ..other
+        },
+        25,
+    );
+    let kept = nodes_in(&work);
+    assert!(done.iter().all(|(name, time)| kept[name] == *time));
+    made(dir.path(), &other);
+    let found = nodes_in(dir.path());
+    assert!(found.keys().all(|n| !n.starts_with("lod/3")), "{found:?}");
+    assert!(
+        kept.iter()
+            .all(|(name, time)| found.get(name).is_none_or(|t| t == time))
+    );
+    verified(dir.path(), None);
+    let first = files(dir.path());
+    let anew = LodOptions {
+        force: true,
+        resume: false,
+        ..other
+    };
+    made(dir.path(), &anew);
+    assert_same_files(&first, &files(dir.path()), "gone on with");
+}
+
+/// Whoever waits for another that makes levels of the same set finds them there.
+#[test]
+fn two_at_a_time_make_levels_once() {
+    /// Tells when the last of so many nodes is done, and takes a while then.
+    struct Waits(std::sync::mpsc::Sender<()>, AtomicU64);
+    impl Progress for Waits {
+        fn advance(&self, _: u64) {
+            if self.1.fetch_sub(1, Ordering::Relaxed) == 1 {
+                self.0.send(()).unwrap();
+                std::thread::sleep(std::time::Duration::from_millis(500));
+            }
+        }
+    }
+    let dir = gyroid(Primitives::Strips);
+    let alone = LodOptions {
+        threads: 1,
+        ..LodOptions::default()
+    };
+    let nodes = made(dir.path(), &alone).nodes;
+    let wanted = files(dir.path());
+    let (ends, ending) = std::sync::mpsc::channel();
+    let waits = Waits(ends, AtomicU64::new(nodes));
+    let force = LodOptions {
+        force: true,
+        ..alone
+    };
+    std::thread::scope(|scope| {
+        let first = scope.spawn(|| lod(dir.path(), &force, &waits).unwrap());
+        ending.recv().unwrap();
+        let second = lod(dir.path(), &alone, &Quiet).unwrap_err().to_string();
+        assert!(second.contains("there already"), "{second}");
+        first.join().unwrap();
+    });
+    assert_same_files(&wanted, &files(dir.path()), "made by the first");
+}
+
+/// The size is told alike by whoever makes levels and whoever finds them, and it is that of the files.
+#[test]
+fn nothing_is_written_where_nothing_is_done() {
+    let dir = gyroid(Primitives::Strips);
+    let before = files(dir.path());
+    let first = made(dir.path(), &LodOptions::default());
+    let is_new = |name: &str| name != "index.json" && !before.contains_key(name);
+    let all = files(dir.path());
+    let new = all.iter().filter(|(name, _)| is_new(name));
+    let bytes: u64 = new.map(|(_, bytes)| bytes.len() as u64).sum();
+    assert_eq!((first.bytes, first.bytes_written), (bytes, bytes));
+    let resume = LodOptions {
+        resume: true,
+        ..LodOptions::default()
+    };
+    let again = made(dir.path(), &resume);
+    assert_eq!((again.bytes, again.bytes_written), (bytes, 0));
+}
+
 /// Two balls in two nodes that share no border.
 fn two_balls() -> tempfile::TempDir {
     let [nx, ny, nz] = [64usize, 24, 24];

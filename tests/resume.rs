@@ -781,7 +781,7 @@ fn a_second_conversion_is_refused_while_the_first_lives() {
     for more in ["", " --resume", " --force"] {
         let message = fails(here, &words(&format!("{CONVERT}{more}")));
         assert!(
-            message.contains("another conversion is writing there"),
+            message.contains("another run of alvis is writing there"),
             "{message}"
         );
     }

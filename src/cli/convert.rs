@@ -169,8 +169,9 @@ pub struct ConvertArgs {
     /// nothing is done.
     #[arg(long)]
     pub resume: bool,
-    /// Add levels of detail when the tiles are done, as `alvis lod` does
-    #[arg(long, conflicts_with_all = ["split", "labels"])]
+    /// Add levels of detail when the tiles are done, as `alvis lod` does; not with --split or --labels, where they would gape
+    /// between cells that touch
+    #[arg(long)]
     pub(super) lod: bool,
     /// Look at the tiles in the browser when they are done, as `alvis view` does
     #[arg(long, conflicts_with_all = ["json", "out_dir"])]
@@ -203,6 +204,7 @@ impl ConvertArgs {
 
     /// The same; of one volume, what `accept` refuses is not moved into place.
     pub(super) fn run_if(self, typed: &[OsString], accept: &Accept) -> Result<Outcome> {
+        self.check_lod()?;
         let (None, Some(out)) = (&self.out_dir, &self.out) else {
             return batch::run(self, typed);
         };
@@ -225,6 +227,23 @@ impl ConvertArgs {
         match self.view {
             true => ViewArgs::of(out, self.common.quiet).run(),
             false => Ok(Outcome::Done),
+        }
+    }
+
+    /// Refuses levels of detail of cells that are parts of components.
+    fn check_lod(&self) -> Result<()> {
+        let option = match (self.split.is_some(), self.labels.is_some()) {
+            (true, _) => "--split",
+            (_, true) => "--labels",
+            _ => return Ok(()),
+        };
+        match self.lod {
+            true => Err(Error::usage(
+                "--lod",
+                format!("it with {option}"),
+                "one of the two: levels of such a set would gape where cells touch",
+            )),
+            false => Ok(()),
         }
     }
 

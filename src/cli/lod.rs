@@ -5,6 +5,7 @@ use super::progress::Console;
 use super::{Outcome, output, parse};
 use crate::error::{Error, Result};
 use crate::lod::{LodOptions, LodReport, lod};
+use crate::manifest::Manifest;
 use crate::sys::process_memory::keep_large_buffers;
 use clap::{Args, ValueHint};
 use std::path::{Path, PathBuf};
@@ -13,7 +14,7 @@ use std::path::{Path, PathBuf};
 ///
 /// Each node of a level stands for 2 x 2 x 2 of the level below, down to one root. The tiles stay as they are. Nodes of
 /// a level meet edge by edge; between levels fins close what could be seen through. tileset.json has the same tree for
-/// viewers of 3D Tiles 1.1.
+/// viewers of 3D Tiles 1.1. A set made with --split or --labels gets no levels: they would gape where cells touch.
 #[derive(Debug, Args)]
 #[command(after_help = "Examples:\n  \
     alvis lod OUT\n  \
@@ -24,18 +25,28 @@ pub struct LodArgs {
     #[arg(value_hint = ValueHint::DirPath)]
     out: PathBuf,
     /// Share of the triangles that a level keeps of the one below: 1/8, 0.2 or 20%
-    #[arg(long, value_name = "SHARE", default_value = "1/8", value_parser = share)]
+    ///
+    /// Top levels of small sets keep more, often over half: a node may keep up to 1000.
+    #[arg(long, value_name = "SHARE", default_value = "1/8", allow_hyphen_values = true, value_parser = share)]
     ratio: f64,
     /// The most levels, the tiles counted [default: as many as lead to one root]
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(2..=32))]
+    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = clap::value_parser!(u32).range(2..=32))]
     levels: Option<u32>,
     /// Pixels that an error may have on the screen in viewers of 3D Tiles with their usual settings, 0.001 to 1000
-    #[arg(long, value_name = "PIXELS", default_value_t = 1.0)]
+    #[arg(
+        long,
+        value_name = "PIXELS",
+        default_value_t = 1.0,
+        allow_negative_numbers = true
+    )]
     pixel_error: f64,
     /// Most memory to use
     #[arg(long, value_name = "BYTES", default_value = "1GiB", value_parser = parse::bytes)]
     memory: u64,
-    /// Go on with levels that were interrupted while they were made
+    /// Go on with levels that were interrupted while they were made, also in place of finished ones
+    ///
+    /// --ratio has to be as it was; --levels and --pixel-error may change. If there are none to go on with they are begun,
+    /// unless these levels are there and finished: then nothing is done.
     #[arg(long)]
     resume: bool,
     /// Replace levels that are there, or begin anew those that were interrupted
@@ -95,29 +106,42 @@ impl LodArgs {
     }
 }
 
-/// What was made, for people.
+/// Says of a set made of another one, in `dest`, that it has none of the levels of that.
+///
+/// # Errors
+/// Those of [`Manifest::open`].
+pub fn note_dropped(from: &Path, dest: &Path, console: &Console) -> Result<()> {
+    if Manifest::open(from)?.lod.is_some() {
+        let dest = output::shell_word(dest.as_os_str());
+        console.note(&format!(
+            "levels of detail are not kept: `alvis lod {dest}` makes them"
+        ));
+    }
+    Ok(())
+}
+
+/// What was made, or is there, for people.
 pub fn summary(report: &LodReport) -> String {
     let mut rows = Vec::new();
     let names: Vec<String> = (1..report.levels).map(|l| format!("level {l}")).collect();
+    let of = output::things(report.cells_by_level[0], "cell");
     for (l, name) in (1..).zip(&names) {
         rows.push((
             name.as_str(),
             format!(
-                "{}, {}, 99.9 % within {:.2} voxels",
+                "{}, {} of {of}, 99.9 % within {:.2} voxels",
                 output::things(report.triangles_by_level[l], "triangle"),
-                output::things(report.cells_by_level[l], "cell"),
+                output::count(report.cells_by_level[l]),
                 report.error_by_level[l]
             ),
         ));
     }
-    rows.push((
-        "written",
-        format!(
-            "{}, {}",
-            output::things(report.nodes, "node"),
-            output::bytes(report.bytes_written)
-        ),
-    ));
+    let nodes = output::things(report.nodes, "node");
+    let title = match report.bytes_written {
+        0 => "there",
+        _ => "written",
+    };
+    rows.push((title, format!("{nodes}, {}", output::bytes(report.bytes))));
     rows.push(("took", output::took(report.seconds, report.peak_rss_bytes)));
     output::table(&rows)
 }

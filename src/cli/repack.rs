@@ -2,6 +2,7 @@
 
 use super::args::Common;
 use super::form::FormArgs;
+use super::lod::note_dropped;
 use super::{Outcome, output};
 use crate::error::{Error, Result};
 use crate::manifest::{Form, Manifest};
@@ -51,6 +52,7 @@ impl RepackArgs {
             force: self.force,
         };
         let report = repack(&self.out, &self.dest, &options, &console)?;
+        note_dropped(&self.out, &self.dest, &console)?;
         drop(console);
         if self.common.json {
             output::print_json(&report)?;

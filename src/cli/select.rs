@@ -2,6 +2,7 @@
 
 use super::args::Common;
 use super::chosen::ChosenArgs;
+use super::lod::note_dropped;
 use super::{Outcome, output};
 use crate::error::{Error, Result};
 use crate::table::Table;
@@ -121,6 +122,7 @@ impl SelectArgs {
             force: self.force,
         };
         let report = select(&self.out, &self.dest, &options, &console)?;
+        note_dropped(&self.out, &self.dest, &console)?;
         drop(console);
         if self.common.json {
             output::print_json(&report)?;

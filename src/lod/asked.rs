@@ -1,8 +1,10 @@
 //! What is asked for of levels, and whether those that are there are it.
 
+use super::work::Identity;
 use crate::error::{Error, Result};
 use crate::manifest::{LEVELS, Levels};
 use crate::tileset::TileSet;
+use std::path::Path;
 
 /// Pixels that an error may have: beyond these a viewer shows all tiles, or the root alone, however far away.
 const PIXEL_ERRORS: [f64; 2] = [0.001, 1000.0];
@@ -20,9 +22,9 @@ pub struct LodOptions {
     pub memory: u64,
     /// Threads; 0 for one per core.
     pub threads: usize,
-    /// Go on with what was interrupted.
+    /// Go on with what was interrupted, if its nodes are the same; levels that are finished stay then.
     pub resume: bool,
-    /// Replace levels that are there.
+    /// Replace levels that are there, and those that were interrupted unless `resume` can go on with them.
     pub force: bool,
 }
 
@@ -75,6 +77,28 @@ pub fn check(options: &LodOptions) -> Result<()> {
     Ok(())
 }
 
+/// Refuses tiles over which there are no levels.
+///
+/// # Errors
+/// [`Error::Usage`].
+pub fn check_tiles(set: &TileSet) -> Result<()> {
+    let manifest = set.manifest();
+    let refused = |found: &str, expected: &str| {
+        let out = set.dir().display().to_string();
+        Err(Error::usage(out, found, expected))
+    };
+    if manifest.cells.is_some() {
+        return refused(
+            "cells that are parts of components",
+            "a tile set made without --split and --labels: levels of such a set would gape where cells touch",
+        );
+    }
+    match manifest.totals.tiles {
+        0 => refused("no tile", "a tile set with a surface"),
+        _ => Ok(()),
+    }
+}
+
 /// The levels that a set has, if they are not to be replaced: of those nothing is read, for they may be damaged.
 ///
 /// # Errors
@@ -109,14 +133,10 @@ pub fn check_kept(levels: &Levels, set: &TileSet, options: &LodOptions) -> Resul
     if options.resume && is_of(levels, options) {
         return Ok(());
     }
-    let of = |ratio: f64, count: Option<u32>, pixels: f64| {
-        let count = count.map_or("all".to_owned(), |n| n.to_string());
-        format!("--ratio {ratio}, {count} levels and --pixel-error {pixels}")
-    };
     let found = match options.resume {
         true => format!(
             "levels of detail there already, made with {}",
-            of(
+            named(
                 levels.ratio,
                 Some(levels.levels.len() as u32 + 1),
                 levels.pixel_error
@@ -127,7 +147,7 @@ pub fn check_kept(levels: &Levels, set: &TileSet, options: &LodOptions) -> Resul
     let expected = match options.resume {
         true => format!(
             "those of {}, or --force to make them anew",
-            of(options.ratio, options.levels, options.pixel_error)
+            named(options.ratio, options.levels, options.pixel_error)
         ),
         false => "a tile set without them, or --force to make them anew".to_owned(),
     };
@@ -135,6 +155,44 @@ pub fn check_kept(levels: &Levels, set: &TileSet, options: &LodOptions) -> Resul
         set.dir().display().to_string(),
         found,
         expected,
+    ))
+}
+
+/// Options as they are typed.
+fn named(ratio: f64, count: Option<u32>, pixels: f64) -> String {
+    let count = count.map_or("all".to_owned(), |n| n.to_string());
+    format!("--ratio {ratio}, {count} levels and --pixel-error {pixels}")
+}
+
+/// Refuses to go on with levels that were interrupted, `begun`, if their nodes are not those that are wanted.
+///
+/// # Errors
+/// [`Error::Usage`].
+pub fn check_begun(begun: &Identity, wanted: &Identity, out: &Path) -> Result<()> {
+    if begun.has_nodes_of(wanted) {
+        return Ok(());
+    }
+    let of = |i: &Identity| named(i.ratio, i.levels, i.pixel_error);
+    let (found, expected) = if begun.index != wanted.index {
+        (
+            "of other tiles than those that are there now".to_owned(),
+            "the tiles as they were".to_owned(),
+        )
+    } else if begun.version != wanted.version {
+        (
+            format!("begun by alvis {}", begun.version),
+            format!("those of alvis {}", wanted.version),
+        )
+    } else {
+        (
+            format!("begun with {}", of(begun)),
+            format!("those of {}", of(wanted)),
+        )
+    };
+    Err(Error::usage(
+        out.display().to_string(),
+        format!("levels of detail that were interrupted, {found}"),
+        format!("{expected}, or --force to begin anew"),
     ))
 }
 

@@ -1,10 +1,10 @@
 //! All levels of a tile set, one after another.
 
-use super::asked::{LodOptions, check, check_kept, kept_levels};
+use super::asked::{LodOptions, check, check_begun, check_kept, check_tiles, kept_levels};
 use super::entry::{Entry, memory};
 use super::level::{LevelPlan, Made, Maker, families, tiling, write_shard};
 use super::tileset_json;
-use super::work::{Identity, Work};
+use super::work::{Identity, Work, interrupted};
 use crate::error::{Error, Result};
 use crate::manifest::{
     Generator, LEVELS, LEVELS_FORMAT, LEVELS_VERSION, Level, Levels, Manifest, NodeEntry,
@@ -16,7 +16,7 @@ use crate::sys::id_set::IdSet;
 use crate::sys::memory_pool::MemoryPool;
 use crate::sys::process_memory::peak_rss_bytes;
 use crate::tile::read::{Pieces, Tile};
-use crate::tileset::TileSet;
+use crate::tileset::{TileSet, refuse_bucket};
 use serde::Serialize;
 use std::path::Path;
 use std::sync::Arc;
@@ -27,6 +27,7 @@ use std::time::Instant;
 const ROOT: u64 = 100_000;
 /// Memory that is used for everything but nodes in the making.
 const FIXED: u64 = 32 << 20;
+
 /// What was made; the command prints it with `--json`. Lists begin with level 0, the tiles.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct LodReport {
@@ -38,7 +39,9 @@ pub struct LodReport {
     pub triangles: u64,
     /// Triangles of surfaces.
     pub triangles_by_level: Vec<u64>,
-    /// Bytes of files that were written, tiles not counted.
+    /// Bytes of the files of levels: nodes, their lists, the index and the tree.
+    pub bytes: u64,
+    /// As many, or 0 if the levels were there and nothing was done.
     pub bytes_written: u64,
     /// How far surfaces of the tiles lie from those of a level, in voxels: the largest of its nodes, see
     /// [`NodeEntry::error`].
@@ -61,57 +64,35 @@ pub struct LodReport {
 ///
 /// # Errors
 /// [`Error::Usage`] if an option is out of range, if there are levels already and `force` is not set, or if they were
-/// interrupted and neither `resume` nor `force` is; [`Error::Unsupported`]; [`Error::Memory`]; [`Error::Format`] if the
-/// set is damaged; [`Error::Io`]; [`Error::Interrupted`], as an [`Error::Resumable`] once there is something to go on
-/// from.
+/// interrupted and neither `resume` nor `force` is, or their nodes are others; [`Error::Unsupported`]; [`Error::Memory`];
+/// [`Error::Format`] if the set is damaged; [`Error::OutputBusy`]; [`Error::Io`]; [`Error::Interrupted`], as an
+/// [`Error::Resumable`] once there is something to go on from.
 pub fn lod(out: &Path, options: &LodOptions, progress: &dyn Progress) -> Result<LodReport> {
     let start = Instant::now();
     check(options)?;
+    refuse_bucket(out)?;
     let set = TileSet::open(out)?;
-    if let Some(levels) = kept_levels(&set, options)? {
-        check_kept(&levels, &set, options)?;
-        progress.warn("the levels of detail are there and finished: nothing was done");
-        return Ok(report(&levels, set.manifest(), start));
+    // those that were interrupted may be about to replace these
+    if !interrupted(out)
+        && let Some(report) = finished(&set, options, progress, start)?
+    {
+        return Ok(report);
     }
-    if set.manifest().cells.is_some() {
-        return Err(Error::usage(
-            out.display().to_string(),
-            "cells that are parts of components",
-            "a tile set made without --split and --labels: levels of such a set would gape where cells touch",
-        ));
-    }
-    if set.manifest().totals.tiles == 0 {
-        return Err(Error::usage(
-            out.display().to_string(),
-            "no tile",
-            "a tile set with a surface",
-        ));
-    }
+    check_tiles(&set)?;
     let mut work = Work::open(out)?;
-    // what had been interrupted while it was moved in is there now
+    // what had been interrupted while it was moved in is there now, or somebody else's
     let set = TileSet::open(out)?;
     let manifest = set.manifest().clone();
-    if let Some(levels) = kept_levels(&set, options)? {
-        return Ok(report(&levels, &manifest, start));
+    if !interrupted(out) {
+        let options = LodOptions {
+            resume: options.resume || work.moved_in(),
+            ..*options
+        };
+        if let Some(report) = finished(&set, &options, progress, start)? {
+            return Ok(report);
+        }
     }
-    let identity = Identity {
-        index: manifest.checksum.clone(),
-        version: env!("CARGO_PKG_VERSION").to_owned(),
-        ratio: options.ratio,
-        levels: options.levels,
-        pixel_error: options.pixel_error,
-    };
-    if super::interrupted(out) && !options.resume && !options.force {
-        return Err(Error::usage(
-            out.display().to_string(),
-            "levels of detail that were interrupted",
-            "--resume to go on with them, or --force to begin anew",
-        ));
-    }
-    if !(options.resume && work.is_of(&identity)) {
-        work.keep(false);
-        work.begin(&identity)?;
-    }
+    let goes_on = take_up(&mut work, &manifest, options, progress, out)?;
     let mut run = Run {
         set: &set,
         manifest: &manifest,
@@ -125,20 +106,87 @@ pub fn lod(out: &Path, options: &LodOptions, progress: &dyn Progress) -> Result<
     let levels = match run.levels() {
         Ok(levels) => levels,
         Err(error) => {
-            work.keep(run.is_anything_done());
-            return Err(run.resumable(error, out));
+            let keep = goes_on || run.is_anything_done();
+            work.keep(keep);
+            return Err(if keep {
+                run.resumable(error, out)
+            } else {
+                error
+            });
         }
     };
-    let report = report(&levels, &manifest, start);
-    let count = report.levels;
-    let bytes = run.finish(levels)?;
+    let count = levels.levels.len() as u32 + 1;
+    work.keep_levels(count)?;
+    let beside = run.finish(&levels)?;
+    let report = report(&levels, &manifest, beside, start);
     work.publish(manifest, count)?;
     Ok(LodReport {
-        bytes_written: report.bytes_written + bytes,
+        bytes_written: report.bytes,
         seconds: start.elapsed().as_secs_f64(),
         peak_rss_bytes: peak_rss_bytes(),
         ..report
     })
+}
+
+/// Of levels that are finished and asked for, so that nothing is to be done.
+fn finished(
+    set: &TileSet,
+    options: &LodOptions,
+    progress: &dyn Progress,
+    start: Instant,
+) -> Result<Option<LodReport>> {
+    let Some(levels) = kept_levels(set, options)? else {
+        return Ok(None);
+    };
+    check_kept(&levels, set, options)?;
+    progress.warn("the levels of detail are there and finished: nothing was done");
+    let manifest = set.manifest();
+    let index = manifest.lod.as_ref().map_or(0, |index| index.bytes);
+    let beside = index + bytes_of_shards(&levels) + tileset_json::bytes(set.dir());
+    Ok(Some(report(&levels, manifest, beside, start)))
+}
+
+/// Begins, or goes on with what was interrupted; true if it is that.
+fn take_up(
+    work: &mut Work,
+    manifest: &Manifest,
+    options: &LodOptions,
+    progress: &dyn Progress,
+    out: &Path,
+) -> Result<bool> {
+    let wanted = Identity {
+        index: manifest.checksum.clone(),
+        version: env!("CARGO_PKG_VERSION").to_owned(),
+        ratio: options.ratio,
+        levels: options.levels,
+        pixel_error: options.pixel_error,
+    };
+    let there = interrupted(out);
+    if there && !options.resume && !options.force {
+        return Err(Error::usage(
+            out.display().to_string(),
+            "levels of detail that were interrupted",
+            "--resume to go on with them, or --force to begin anew",
+        ));
+    }
+    if there && options.resume {
+        match work.begun() {
+            Some(begun) => {
+                if !options.force {
+                    check_begun(&begun, &wanted, out)?;
+                }
+                if begun.has_nodes_of(&wanted) {
+                    work.go_on(&wanted)?;
+                    return Ok(true);
+                }
+            }
+            None => progress
+                .warn("how the interrupted levels of detail were begun cannot be read: they are begun anew"),
+        }
+    }
+    work.keep(false);
+    work.begin(&wanted)?;
+    Ok(false)
 }
 
 /// Levels in the making.
@@ -333,11 +381,8 @@ impl Run<'_> {
         self.done > 0 || self.nodes.load(Ordering::Relaxed) > 0
     }
 
-    /// An error with what is kept and how to go on, once there is something.
+    /// An error with what is kept and how to go on.
     fn resumable(&self, error: Error, out: &Path) -> Error {
-        if !self.is_anything_done() {
-            return error;
-        }
         let when = match error {
             Error::Interrupted => "",
             _ => "once the cause is removed, ",
@@ -368,25 +413,19 @@ impl Run<'_> {
             .max(self.done)
     }
 
-    /// Writes the index and the tree; returns their bytes.
-    fn finish(&self, levels: Levels) -> Result<u64> {
-        let mut text = serde_json::to_vec_pretty(&levels).expect("plain data serialises");
+    /// Writes the index and the tree; returns their bytes and those of lists of nodes.
+    fn finish(&self, levels: &Levels) -> Result<u64> {
+        let mut text = serde_json::to_vec_pretty(levels).expect("plain data serialises");
         text.push(b'\n');
         write_file(&self.work.join(LEVELS), &[&text])?;
         let version = crate::manifest::checksum_text(crc32fast::hash(&text));
         let tree = tileset_json::Tree {
             set: self.set,
-            levels: &levels,
+            levels,
             work: &self.work,
             version,
         };
-        let shards: u64 = levels
-            .levels
-            .iter()
-            .flat_map(|l| &l.layers)
-            .map(|l| l.bytes)
-            .sum();
-        Ok(text.len() as u64 + shards + tree.write()?)
+        Ok(text.len() as u64 + bytes_of_shards(levels) + tree.write()?)
     }
 }
 
@@ -402,7 +441,14 @@ fn add(level: &mut Level, node: &NodeEntry) {
     level.fin_width = level.fin_width.max(node.fin_width);
 }
 
-fn report(levels: &Levels, manifest: &Manifest, start: Instant) -> LodReport {
+/// Bytes of the lists of nodes.
+fn bytes_of_shards(levels: &Levels) -> u64 {
+    let layers = levels.levels.iter().flat_map(|l| &l.layers);
+    layers.map(|l| l.bytes).sum()
+}
+
+/// What there is; `beside` are the bytes of all files but the nodes.
+fn report(levels: &Levels, manifest: &Manifest, beside: u64, start: Instant) -> LodReport {
     let totals = &manifest.totals;
     let all = &levels.levels;
     let sum = |value: fn(&Level) -> u64| all.iter().map(value).sum();
@@ -416,7 +462,8 @@ fn report(levels: &Levels, manifest: &Manifest, start: Instant) -> LodReport {
         nodes: sum(|l| l.nodes),
         triangles: sum(|l| l.triangles),
         triangles_by_level: with_tiles(totals.triangles, |l| l.triangles),
-        bytes_written: sum(|l| l.bytes),
+        bytes: sum(|l| l.bytes) + beside,
+        bytes_written: 0,
         error_by_level: std::iter::once(0.0)
             .chain(all.iter().map(|l| l.error_max))
             .collect(),

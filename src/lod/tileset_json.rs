@@ -28,6 +28,16 @@ pub struct Tree<'a> {
     pub version: String,
 }
 
+/// Bytes of the tree in the directory of a tile set.
+pub fn bytes(dir: &Path) -> u64 {
+    let parts = std::fs::read_dir(dir.join("lod/tilesets"));
+    let parts = parts.into_iter().flatten().flatten().map(|e| e.path());
+    let files = parts.chain([dir.join(TILESET)]);
+    files
+        .filter_map(|path| Some(path.metadata().ok()?.len()))
+        .sum()
+}
+
 /// A node by its level and its place there.
 #[derive(Debug, Clone, Copy)]
 struct At {

@@ -5,8 +5,8 @@ use crate::checkpoint::kept;
 use crate::error::{Error, Result};
 use crate::manifest::checksum_text;
 use crate::manifest::{LEVELS, LevelsEntry, MANIFEST, Manifest, PARTIAL, TILESET, sums_of};
-use crate::sys::files::{make_directory, remove_if_there, write_file};
-use crate::tileset::{LEVELS_STATE as STATE, Lock, refuse_bucket};
+use crate::sys::files::{remove_if_there, write_file};
+use crate::tileset::{LEVELS_STATE as STATE, Lock, take_lock};
 use serde::{Deserialize, Serialize};
 use std::fs::{self, File};
 use std::io::{BufWriter, ErrorKind, Write};
@@ -16,10 +16,12 @@ use std::path::{Path, PathBuf};
 const LOD: &str = "lod";
 /// Says that all is made and is being moved in.
 const MOVING: &str = "lod-moving";
+/// The state while it is written.
+const STATE_NEW: &str = "lod.new";
 /// The index without levels, while those that it named are replaced.
 const PLAIN: &str = "index-plain.json";
 
-/// What levels are made of, and how; those that were interrupted go on if it is the same.
+/// What levels are made of, and how; see [`Identity::has_nodes_of`] for which of them go on.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Identity {
     /// Checksum of the tile set's index.
@@ -30,12 +32,22 @@ pub struct Identity {
     pub pixel_error: f64,
 }
 
+impl Identity {
+    /// True if the nodes of both are the same: how many levels there are and what viewers are told of errors
+    /// changes none.
+    pub fn has_nodes_of(&self, other: &Identity) -> bool {
+        (&self.index, &self.version, self.ratio) == (&other.index, &other.version, other.ratio)
+    }
+}
+
 /// The work directory; dropped before [`Work::publish`], it goes unless it is to be kept.
 #[derive(Debug)]
 pub struct Work {
     out: PathBuf,
     dir: PathBuf,
     keep: bool,
+    /// True if all levels had been made, and are in place since this was opened.
+    moved_in: bool,
     lock: Option<Lock>,
 }
 
@@ -52,14 +64,13 @@ impl Work {
     /// [`Error::OutputBusy`] if somebody else writes there; [`Error::Usage`] if a conversion was interrupted there;
     /// [`Error::Io`].
     pub fn open(out: &Path) -> Result<Self> {
-        refuse_bucket(out)?;
         let dir = out.join(PARTIAL);
-        make_directory(&dir)?;
-        let lock = Lock::take(&dir.join("lock"), out)?;
-        let work = Work {
+        let lock = take_lock(&dir, out)?;
+        let mut work = Work {
             out: out.to_path_buf(),
             keep: interrupted(out) || kept(&dir).is_some(),
             dir,
+            moved_in: false,
             lock: Some(lock),
         };
         if kept(&work.dir).is_some() {
@@ -72,6 +83,8 @@ impl Work {
         if work.dir.join(MOVING).exists() {
             work.move_in()?;
             work.clear()?;
+            work.keep = false;
+            work.moved_in = true;
         }
         Ok(work)
     }
@@ -86,13 +99,37 @@ impl Work {
         self.keep = keep;
     }
 
-    /// True if what is there was begun for the same.
-    pub fn is_of(&self, identity: &Identity) -> bool {
-        let bytes = fs::read(self.dir.join(STATE)).ok();
-        bytes
-            .and_then(|bytes| serde_json::from_slice(&bytes).ok())
-            .as_ref()
-            == Some(identity)
+    /// True if all levels had been made, and are in place since this was opened.
+    pub fn moved_in(&self) -> bool {
+        self.moved_in
+    }
+
+    /// What was begun here and interrupted, if that can be told.
+    pub fn begun(&self) -> Option<Identity> {
+        let bytes = fs::read(self.dir.join(STATE)).ok()?;
+        serde_json::from_slice(&bytes).ok()
+    }
+
+    /// Goes on with what is here, whose nodes are those of `identity`.
+    ///
+    /// # Errors
+    /// [`Error::Io`].
+    pub fn go_on(&self, identity: &Identity) -> Result<()> {
+        self.write_state(identity)
+    }
+
+    /// Removes what was made above so many levels, the tiles counted, and the tree over them: what is gone on with
+    /// may have been begun for more.
+    ///
+    /// # Errors
+    /// [`Error::Io`].
+    pub fn keep_levels(&self, count: u32) -> Result<()> {
+        let lod = self.dir.join(LOD);
+        remove_if_there(&lod.join("tilesets"))?;
+        let above = (count..).map(|level| lod.join(level.to_string()));
+        above
+            .take_while(|dir| dir.exists())
+            .try_for_each(|dir| remove_if_there(&dir))
     }
 
     /// Begins anew.
@@ -103,8 +140,15 @@ impl Work {
         self.clear()?;
         let lod = self.dir.join(LOD);
         fs::create_dir(&lod).map_err(|e| Error::io(&lod, "create the directory", e))?;
+        self.write_state(identity)
+    }
+
+    fn write_state(&self, identity: &Identity) -> Result<()> {
+        let path = self.dir.join(STATE);
         let json = serde_json::to_vec(identity).expect("plain data serialises");
-        write_file(&self.dir.join(STATE), &[&json])
+        let new = self.dir.join(STATE_NEW);
+        write_file(&new, &[&json])?;
+        fs::rename(&new, &path).map_err(|e| Error::io(&path, "move into place", e))
     }
 
     /// Gives all that is made its name; `manifest` is that of the tile set, whose levels are so many then.
@@ -172,7 +216,7 @@ impl Work {
     /// Removes all but the lock.
     fn clear(&self) -> Result<()> {
         // first of all, so that what is half removed is not taken for something to go on from
-        for name in [STATE, MOVING, LOD, TILESET, MANIFEST, PLAIN] {
+        for name in [STATE, STATE_NEW, MOVING, LOD, TILESET, MANIFEST, PLAIN] {
             remove_if_there(&self.dir.join(name))?;
         }
         Ok(())

@@ -12,7 +12,7 @@ pub(crate) use output_dir::{
     LEVELS_STATE, Output, PARTS, PLAN, outward, refuse_bucket, refuse_same, tidy,
 };
 pub use output_dir::{check_output, interrupted};
-pub(crate) use output_dir::{is_moved_in, make_directories};
+pub(crate) use output_dir::{is_moved_in, make_directories, take_lock};
 pub(crate) use reader::Stated;
 pub use reader::TileSet;
 pub(crate) use writer::{TilesetWriter, layer_directory, with_euler_characteristic, write_tile};

@@ -480,8 +480,11 @@ fn exists(out: &Path) -> Error {
     }
 }
 
-/// Makes the work directory if it is not there, and takes its lock.
-fn take_lock(work: &Path, out: &Path) -> Result<Lock> {
+/// Makes the work directory of `out` if it is not there, and takes its lock, waiting a little for whoever holds it.
+///
+/// # Errors
+/// Those of [`Lock::take`].
+pub fn take_lock(work: &Path, out: &Path) -> Result<Lock> {
     let mut tries = 0;
     loop {
         let made = match fs::create_dir(work) {

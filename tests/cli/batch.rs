@@ -421,7 +421,7 @@ fn two_calls_do_not_write_to_one_directory_at_once() {
         let line = line.replace("ct/a.mhd", "ct/a.mhd b.nrrd");
         let message = fails(dir, &words(&format!("{line}{more}")));
         assert!(
-            message.contains("out: another conversion is writing there"),
+            message.contains("out: another run of alvis is writing there"),
             "{message}"
         );
     }

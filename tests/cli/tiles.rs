@@ -483,6 +483,66 @@ fn a_set_without_a_surface_has_no_levels() {
     ok(dir, &["verify", "air", "--quiet"]);
 }
 
+/// What levels say of themselves: cells that are left, what was written and what is there, and where they are not kept.
+#[test]
+fn levels_tell_what_is_left_and_what_was_done() {
+    let dir = temp();
+    let dir = dir.path();
+    let run = |line: &str| {
+        let output = alvis(dir, &line.split(' ').collect::<Vec<_>>());
+        assert_eq!(output.status.code(), Some(0), "{}", stderr(&output));
+        (stdout(&output), stderr(&output))
+    };
+    run("phantom foam a.mhd --dims 40,36,40 --quiet");
+    run("convert a.mhd out --threshold 127.5 --macrocube 10 --quiet");
+    let cells = json(&run("lod out --json").0)["cells_by_level"].clone();
+    let row = |text: &str, title: &str| {
+        let row = text.lines().find(|l| l.starts_with(title));
+        row.map(|row| row[title.len()..].trim().to_owned())
+    };
+    let first = run("lod out --force").0;
+    let left = format!("{} of {} cells", cells[2], cells[0]);
+    assert!(row(&first, "level 2").unwrap().contains(&left), "{first}");
+    let again = run("lod out --resume").0;
+    assert_eq!(row(&again, "written"), None, "{again}");
+    assert_eq!(row(&again, "there"), row(&first, "written"), "{again}");
+
+    let note = |dest: &str| format!("levels of detail are not kept: `alvis lod {dest}` makes them");
+    let said = run("repack out web --for web").1;
+    assert!(said.lines().any(|l| l == note("web")), "{said}");
+    let said = run("select out part --largest 1 --objects").1;
+    assert!(said.lines().any(|l| l == note("part")), "{said}");
+    for quiet in [
+        "repack out web --for web --force --quiet",
+        "repack web lists --for meshlab",
+    ] {
+        let said = run(quiet).1;
+        assert!(!said.contains("levels of detail"), "{said}");
+    }
+}
+
+#[test]
+fn options_of_levels_are_refused_in_their_own_words() {
+    let dir = temp();
+    let fails = |line: &str| fails(dir.path(), &line.split(' ').collect::<Vec<_>>());
+    let line = "convert a.mhd out --threshold 127.5 --lod";
+    for option in ["--split", "--labels l.npy"] {
+        let said = fails(&format!("{line} {option}"));
+        assert!(said.contains("would gape"), "{said}");
+    }
+    let said = fails(&format!("{line} b.mhd --out-dir all --split"));
+    assert!(said.contains("would gape"), "{said}");
+    for (option, expected) in [
+        ("--ratio -1", "a share above 0"),
+        ("--ratio -1/8", "a share above 0"),
+        ("--levels -1", "2..=32"),
+        ("--pixel-error -1", "pixels from 0.001 to 1000"),
+    ] {
+        let said = fails(&format!("lod out {option}"));
+        assert!(said.contains(expected) && !said.contains("tip"), "{said}");
+    }
+}
+
 /// What was interrupted is told with the command that goes on with it.
 #[test]
 fn unfinished_levels_are_told() {
