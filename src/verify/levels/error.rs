@@ -1,4 +1,5 @@
-//! How far the surfaces of a node lie from those below it, measured again.
+//! How far the surfaces of a node lie from those below it, measured again, by the code that measured it when the node was
+//! made: that this is right is for its own tests.
 
 use super::entries::Family;
 use crate::lod::{NodePlace, error_of};
