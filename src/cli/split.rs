@@ -17,7 +17,8 @@ use std::path::{Path, PathBuf};
 ///
 /// Where cells end, their surfaces end, and the sums over their voxels: tiles do not tell these for another ratio, so the
 /// volume is read again. How many cells a ratio gives is known without it: `alvis cells OUT --split-curve`. The line of
-/// `alvis convert` that this stands for is said before it begins.
+/// `alvis convert` that this stands for is said before it begins. A volume with another surface is refused; one that differs
+/// where only normals show it is not: `alvis verify OUT --against` finds that.
 #[derive(Debug, Args)]
 #[command(after_help = "Examples:\n  \
     alvis cells OUT --split-curve\n  \

@@ -49,3 +49,4 @@ pub use asked::LodOptions;
 pub(crate) use measured::{NodePlace, block_and_step, error_of};
 pub use run::{LodReport, lod};
 pub use work::interrupted;
+pub(crate) use work::moving_in;

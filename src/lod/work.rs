@@ -56,6 +56,11 @@ pub fn interrupted(out: &Path) -> bool {
     out.join(PARTIAL).join(STATE).is_file()
 }
 
+/// True if levels are all made, and were interrupted while they were moved into the directory of a tile set.
+pub(crate) fn moving_in(out: &Path) -> bool {
+    out.join(PARTIAL).join(MOVING).is_file()
+}
+
 impl Work {
     /// Makes the work directory, or takes the one that is there with all that is in it. What was being moved in when
     /// it was interrupted is moved in first.
@@ -76,7 +81,7 @@ impl Work {
         if kept(&work.dir).is_some() {
             return Err(Error::usage(
                 "OUT",
-                "an interrupted conversion",
+                format!("an interrupted conversion in {}", out.display()),
                 "a tile set that is finished: `alvis convert` with --resume goes on with it",
             ));
         }

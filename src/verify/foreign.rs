@@ -4,6 +4,7 @@ use super::code::Code;
 use super::index::{MANIFEST, shard_path, tile_dir, tile_name};
 use super::report::{Issue, Issues, Severity};
 use crate::error::{Error, Result};
+use crate::lod::moving_in;
 use crate::manifest::{LEGEND, LEGEND_SVG, Manifest, PARTIAL};
 use crate::store::{self, Entry};
 use std::collections::BTreeMap;
@@ -20,12 +21,14 @@ pub(super) fn foreign_files(root: &Path, manifest: &Manifest, issues: &mut Issue
     let tables = ["cells.csv", "objects.csv", "surfaces.csv"];
     let of_parts = ["components.csv", "necks.csv"];
     let has_parquet = manifest.tables.parquet.is_some();
+    // levels that take the place of others are moved in while the index names none
+    let has_levels = manifest.lod.is_some() || moving_in(root);
     let top = |name: &str| {
         let as_csv = name.strip_suffix(".parquet").filter(|_| has_parquet);
         let csv = as_csv.map_or(name.to_owned(), |stem| format!("{stem}.csv"));
         let csv = csv.as_str();
         [MANIFEST, "index", "tiles", PARTIAL].contains(&name)
-            || (manifest.lod.is_some() && ["lod", "tileset.json"].contains(&name))
+            || (has_levels && ["lod", "tileset.json"].contains(&name))
             || tables.contains(&csv)
             || (manifest.cells.is_some() && of_parts.contains(&csv))
             || (manifest.tables.walls.is_some() && csv == "walls.csv")
