@@ -10,6 +10,8 @@ use glam::{IVec3, Vec3};
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
 
+/// About so many places are looked at: of more of them one of a few, in their order.
+const PLACES: usize = 1 << 15;
 /// One place of so many may lie further away.
 const BEYOND: usize = 1000;
 /// Cells of the grid, and entries in them, for each triangle at most.
@@ -32,8 +34,8 @@ pub struct Coarser<'a> {
 }
 
 /// How far 99.9 % of the vertices of `finer`, with `centres` and of the middles of its triangles, lie at most from their
-/// surfaces in the coarser mesh, in voxels. Those of a surface that is gone, half of its diagonal, as if all of it had
-/// fallen together in its middle.
+/// surfaces in the coarser mesh, in voxels; of many of them a sample is looked at, see [`PLACES`]. Those of a surface that is
+/// gone, half of its diagonal, as if all of it had fallen together in its middle.
 pub fn nearly_furthest(finer: &Mesh, coarser: &Coarser, centres: bool) -> f32 {
     let place = |p: &[i32; 3]| -> Vec3 {
         Vec3::from_array(std::array::from_fn(|a| {
@@ -45,17 +47,19 @@ pub fn nearly_furthest(finer: &Mesh, coarser: &Coarser, centres: bool) -> f32 {
     let surfaces = grid.surfaces.iter();
     surfaces.for_each(|&s| is_there[s as usize] = true);
     let middles = if centres { finer.triangles.len() } else { 0 };
+    let step = ((finer.points.len() + middles) / PLACES).max(1);
     let mut search = Search {
         grid: &grid,
         gone: gone(finer, &is_there, place),
         last: vec![NONE; is_there.len()],
-        held: (finer.points.len() + middles) / BEYOND + 1,
+        held: (finer.points.len() + middles) / step / BEYOND + 1,
         furthest: BinaryHeap::new(),
     };
-    for (point, &surface) in finer.points.iter().zip(&finer.surface_of) {
+    let points = finer.points.iter().zip(&finer.surface_of);
+    for (point, &surface) in points.step_by(step) {
         search.look(place(point), surface);
     }
-    for t in &finer.triangles[..middles] {
+    for t in finer.triangles[..middles].iter().step_by(step) {
         let corners = t.map(|v| place(&finer.points[v as usize]));
         let middle = corners.into_iter().sum::<Vec3>() / 3.0;
         search.look(middle, finer.surface_of[t[0] as usize]);
