@@ -13,7 +13,7 @@ use super::pinches::Pinched;
 use super::place::{Placed, Placing};
 use super::planes::{OnPlanes, Planes};
 use super::quadric::Plane;
-use super::specks::{LEAST, SMALL_BLOCKS, Specks};
+use super::specks::{LEAST, Specks};
 use super::triangles::{Sums, distinct};
 use crate::grid::LATTICE;
 use crate::strip::{Stripifier, append_strip, connect};
@@ -214,7 +214,7 @@ impl Coarse {
         let room = left.max(if recipe.is_first { SMALL_ROOM } else { 0 });
         let mut small = coarse.specks(mesh, border, recipe, room);
         if !recipe.is_first {
-            small.give_up(target, SMALL_BLOCKS * rules.block);
+            small.give_up(target);
         }
         small.bring_back();
         coarse.part_pinches(recipe);

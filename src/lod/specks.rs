@@ -13,7 +13,7 @@ use glam::DVec3;
 const MOST: usize = 6;
 pub const LEAST: usize = 4;
 /// Surfaces that so many blocks hold are small.
-pub const SMALL_BLOCKS: i32 = 2;
+const SMALL_BLOCKS: i32 = 2;
 
 /// What a node has of its surfaces, and what it is made of.
 pub struct Specks<'a> {
@@ -42,10 +42,10 @@ struct Alone {
 }
 
 impl Specks<'_> {
-    /// Gives up surfaces so that no more than so many triangles are left, if those that fit into a box this wide will do:
-    /// the smallest first, apart from those that other nodes continue. Edges of surfaces that are full of holes cannot
-    /// be collapsed as far as is wanted.
-    pub fn give_up(&mut self, most: usize, width: i32) {
+    /// Gives up surfaces so that no more than so many triangles are left, if those that some blocks hold will do: the
+    /// smallest first, apart from those that other nodes continue. Edges of surfaces that are full of holes cannot be
+    /// collapsed as far as is wanted.
+    pub fn give_up(&mut self, most: usize) {
         let surface = |t: &[u32; 3]| self.clusters.all[t[0] as usize].surface as usize;
         let mut counts = vec![0; self.mesh.surfaces.len()];
         self.triangles.iter().for_each(|t| counts[surface(t)] += 1);
@@ -55,7 +55,8 @@ impl Specks<'_> {
         }
         let is_small = |i: usize| counts[i] > MOST && !self.mesh.surfaces[i].key.is_cap;
         let wanted: Vec<bool> = (0..counts.len()).map(is_small).collect();
-        let widest = i64::from(width) * i64::from(width);
+        let width = i64::from(SMALL_BLOCKS * self.block);
+        let widest = width * width;
         let alone = self.alone(&wanted).into_iter().enumerate();
         let own = alone.filter(|(_, s)| !s.vertices.is_empty() && !self.is_shared(s));
         let mut small: Vec<(i64, usize)> = own.map(|(i, s)| (self.extent(&s), i)).collect();
@@ -461,13 +462,13 @@ mod tests {
             mesh.surfaces.extend(other.surfaces);
         }
         let border = Border::of(&mesh, &planes);
-        for (most, width, left) in [
-            (24, 9999, 24),
-            (23, 9999, 16),
-            (17, 9999, 8),
-            (1, 2200, 8),
-            (1, 1300, 16),
-            (1, 700, 24),
+        for (most, block, left) in [
+            (24, 5000, 24),
+            (23, 5000, 16),
+            (17, 5000, 8),
+            (1, 1100, 8),
+            (1, 650, 16),
+            (1, 350, 24),
         ] {
             let mut clusters = Clusters {
                 all: Vec::new(),
@@ -483,14 +484,14 @@ mod tests {
                 planes: &planes,
                 open_faces: planes.faces,
                 step: 32,
-                block: 512,
+                block,
                 clusters: &mut clusters,
                 points: &mut points,
                 triangles: &mut triangles,
                 room: 100,
             }
-            .give_up(most, width);
-            assert_eq!(triangles.len(), left, "{most} {width}");
+            .give_up(most);
+            assert_eq!(triangles.len(), left, "{most} {block}");
             // the largest stays longest
             assert!(triangles.iter().any(|t| t[0] < 6));
         }
