@@ -23,7 +23,7 @@ version=$(sed -n 's/^version = "\(.*\)"/\1/p' Cargo.toml | head -n 1)
 name=alvis-$version-linux-$arch
 # the same bytes whenever it is made from the same state
 SOURCE_DATE_EPOCH=${SOURCE_DATE_EPOCH:-$(git log -1 --format=%ct 2>/dev/null || date +%s)}
-export SOURCE_DATE_EPOCH CARGO_INCREMENTAL=0 CARGO_PROFILE_RELEASE_STRIP=symbols
+export SOURCE_DATE_EPOCH CARGO_INCREMENTAL=0
 # of its own, so that it goes on beside other builds
 export CARGO_TARGET_DIR=${CARGO_TARGET_DIR:-$root/target/for-release}
 
@@ -47,10 +47,10 @@ build() {
   wrapper ar ""
   export "CC_$of=$tools/bin/zig-cc" "CXX_$of=$tools/bin/zig-c++" "AR_$of=$tools/bin/zig-ar" \
     "CARGO_TARGET_${of^^}_LINKER=$tools/bin/zig-cc"
-  maturin build --release --locked --target "$target" --compatibility "manylinux_${glibc/./_}" \
+  maturin build --profile published --locked --target "$target" --compatibility "manylinux_${glibc/./_}" \
     --manifest-path py/Cargo.toml --out "$out"
-  cargo build --release --locked --target "$target" --package alvis --package alvis-python --bin alvis
-  program=$CARGO_TARGET_DIR/$target/release/alvis
+  cargo build --profile published --locked --target "$target" --package alvis --package alvis-python --bin alvis
+  program=$CARGO_TARGET_DIR/$target/published/alvis
 }
 
 if [ -d "$out" ] && [ -n "$(ls -A "$out")" ] && ! [ -f "$out/SHA256SUMS" ]; then
