@@ -17,8 +17,8 @@ const MAX_LOG: u64 = 1 << 20;
 #[derive(Debug, PartialEq)]
 pub(crate) struct Log {
     name: String,
-    /// Size of a pixel, in um.
-    pixel: f64,
+    /// Size of a pixel, in um; what stands there if that is no size.
+    pixel: std::result::Result<f64, String>,
     /// Slices from one that was kept to the next.
     step: f64,
     /// The same by the numbers in the names of slices, where these have some.
@@ -100,18 +100,18 @@ impl Log {
                 .find(|(k, _)| *k == key)
                 .map(|(_, value)| *value)
         };
-        let number = |key: &str| {
+        let number = |text: &str| {
             // a comma is what some countries write; groups of thousands are in no log
-            let text = get(key)?.replacen(',', ".", 1);
-            text.parse::<f64>()
-                .ok()
-                .filter(|n| n.is_finite() && *n > 0.0)
+            let number = text.replacen(',', ".", 1).parse::<f64>().ok();
+            number.filter(|n| n.is_finite() && *n > 0.0)
         };
         let whole = |key: &str| get(key)?.parse().ok();
         Some(Log {
             name: name.to_owned(),
-            pixel: number("Pixel Size (um)")?,
-            step: number("Section to Section Step").unwrap_or(1.0),
+            pixel: get("Pixel Size (um)").map(|text| number(text).ok_or(text.to_owned()))?,
+            step: get("Section to Section Step")
+                .and_then(number)
+                .unwrap_or(1.0),
             step_of_names: None,
             size: [
                 whole("Result Image Width (pixels)"),
@@ -122,7 +122,17 @@ impl Log {
 
     /// Takes the size of a voxel from the log.
     pub(crate) fn apply(&self, descriptor: &mut VolumeDescriptor) {
-        let Log { name, pixel, .. } = self;
+        let name = &self.name;
+        let pixel = match &self.pixel {
+            Ok(pixel) => pixel,
+            Err(text) => {
+                descriptor.warnings.push(Warning::of_size(format!(
+                    "{name} states {text:?} as the size of pixels in um, which is no size: it is not taken, give \
+                     --spacing and --unit"
+                )));
+                return;
+            }
+        };
         // names count sections: of those that were thinned out later the log knows nothing
         let of_names = self.step_of_names.unwrap_or(self.step);
         let step = self.step.max(of_names);
@@ -181,6 +191,15 @@ mod tests {
     use crate::volume::descriptor::Samples;
     use crate::volume::io::data::{Data, Encoding, Start};
 
+    fn volume() -> VolumeDescriptor {
+        let samples = Samples::Files(Data {
+            files: Vec::new(),
+            start: Start::behind(0),
+            encoding: Encoding::Raw,
+        });
+        VolumeDescriptor::new("folder", Dims([4, 4, 2]), Dtype::U8, samples)
+    }
+
     #[test]
     fn logs_state_the_size_of_the_reconstruction() {
         let text = "[Acquisition]\r\nImage Pixel Size (um)=   9.00\r\nPixel Size (um)=8\r\n[Reconstruction]\r\n\
@@ -188,10 +207,17 @@ mod tests {
         let log = Log::parse("a.log", text).unwrap();
         assert_eq!(
             (log.pixel, log.step, log.size),
-            (17.51, 2.0, [Some(28), None])
+            (Ok(17.51), 2.0, [Some(28), None])
         );
         let comma = Log::parse("a.log", "[Reconstruction]\nPixel Size (um)=6,840\n");
-        assert_eq!(comma.unwrap().pixel, 6.84);
+        assert_eq!(comma.unwrap().pixel, Ok(6.84));
+        for no_size in ["0", "-3", "unknown", ""] {
+            let text = format!("[Reconstruction]\nPixel Size (um)={no_size}\n");
+            let mut volume = volume();
+            Log::parse("a.log", &text).unwrap().apply(&mut volume);
+            assert_eq!(volume.provenance.spacing[0], Origin::Default, "{no_size}");
+            assert!(volume.warnings[0].contains(&format!("{no_size:?}")));
+        }
         let file = |step: f64, names: [&str; 2]| {
             let dir = tempfile::tempdir().unwrap();
             let log = dir.path().join("a__rec.log");
@@ -199,13 +225,7 @@ mod tests {
                 format!("[Reconstruction]\nPixel Size (um)=10\nSection to Section Step={step}\n");
             std::fs::write(&log, text).unwrap();
             let found = find(&[log], &names.map(str::to_owned)).unwrap().unwrap();
-            let samples = Samples::Files(Data {
-                files: Vec::new(),
-                start: Start::behind(0),
-                encoding: Encoding::Raw,
-            });
-            let dims = Dims([4, 4, 2]);
-            let mut volume = VolumeDescriptor::new("folder", dims, Dtype::U8, samples);
+            let mut volume = volume();
             found.apply(&mut volume);
             let z = volume.placement.spacing[2];
             (
@@ -231,12 +251,7 @@ mod tests {
             (30.0, true, 1)
         );
         assert_eq!(file(3.0, ["a.bmp", "b.bmp"]), (30.0, true, 0));
-        for other in [
-            "",
-            "Pixel Size (um)=3\n",
-            "[Reconstruction]\nPixel Size (um)=0\n",
-            "[Reconstruction]\nx\n",
-        ] {
+        for other in ["", "Pixel Size (um)=3\n", "[Reconstruction]\nx\n"] {
             assert_eq!(Log::parse("a.log", other), None, "{other}");
         }
         assert_eq!(section("foam__rec0100.tif"), Some(100));
