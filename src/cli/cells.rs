@@ -207,7 +207,8 @@ impl CellsArgs {
         }
         let manifest = Manifest::open(&self.out)?;
         if self.split_curve {
-            return necks::print_curve(&self.out, &manifest, self.common.json);
+            let warn = |text: &str| self.common.start().warn(text);
+            return necks::print_curve(&self.out, &manifest, self.common.json, warn);
         }
         let which = self.table();
         let pairs = self.pairs();

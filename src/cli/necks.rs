@@ -81,11 +81,16 @@ fn no_curve(dir: &Path, manifest: &Manifest) -> Error {
     }
 }
 
-/// Prints how many cells other ratios give.
+/// Prints how many cells other ratios give, and, by `warn`, that there are no clear necks.
 ///
 /// # Errors
 /// [`Error::Usage`] if the cells were not split.
-pub fn print_curve(dir: &Path, manifest: &Manifest, as_json: bool) -> Result<Outcome> {
+pub fn print_curve(
+    dir: &Path,
+    manifest: &Manifest,
+    as_json: bool,
+    warn: impl FnOnce(&str),
+) -> Result<Outcome> {
     let Some(PartsBy::Split {
         ratio_permille,
         curve,
@@ -94,6 +99,11 @@ pub fn print_curve(dir: &Path, manifest: &Manifest, as_json: bool) -> Result<Out
     else {
         return Err(no_curve(dir, manifest));
     };
+    let in_region = manifest.region.is_some();
+    let parts = manifest.cells.as_ref();
+    if let Some(warning) = parts.and_then(|p| p.warning(manifest.totals.cells, in_region)) {
+        warn(&warning);
+    }
     let ratio = |permille: u64| permille as f64 / 1000.0;
     let own = u64::from(*ratio_permille);
     if as_json {

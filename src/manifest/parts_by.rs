@@ -68,14 +68,14 @@ impl PartsBy {
                 let below = curve.iter().rev().find(|point| point[0] + 50 <= own)?;
                 let above = curve.iter().find(|point| point[0] >= own + 50)?;
                 let differ = above[1].saturating_sub(below[1]) as f64;
-                (differ > STEEP * cells as f64).then(|| steep(*below, *above, in_region))
+                (differ > STEEP * cells as f64).then(|| no_necks(*below, *above, in_region))
             }
         }
     }
 }
 
 /// The warning of a structure without clear necks, by two points of its curve.
-fn steep(below: [u64; 2], above: [u64; 2], in_region: bool) -> String {
+fn no_necks(below: [u64; 2], above: [u64; 2], in_region: bool) -> String {
     let around = match in_region {
         true => "",
         false => {
@@ -83,8 +83,8 @@ fn steep(below: [u64; 2], above: [u64; 2], in_region: bool) -> String {
         }
     };
     format!(
-        "the number of cells hangs on the ratio: {} at {}, {} at {}; this structure has no clear necks (see \
-         `alvis cells OUT --split-curve`){around}",
+        "the number of cells hangs on the ratio: {} at {}, {} at {}; this structure has no clear necks{around} (all ratios: \
+         `alvis cells OUT --split-curve`)",
         below[1],
         below[0] as f64 / 1000.0,
         above[1],

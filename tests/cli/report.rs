@@ -468,6 +468,10 @@ fn structures_without_clear_necks_are_warned_of() {
         warnings.iter().any(|w| w == warning),
         "{warning}: {warnings:?}"
     );
+    for form in [&[][..], &["--json"]] {
+        let curve = alvis(dir, &[&["cells", "open", "--split-curve"], form].concat());
+        assert!(stderr(&curve).contains(warning), "{}", stderr(&curve));
+    }
 }
 
 #[test]
