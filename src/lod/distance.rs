@@ -6,12 +6,13 @@
 
 use super::mesh::Mesh;
 use crate::grid::LATTICE;
+use crate::sys::simd::dispatch;
 use glam::{IVec3, Vec3};
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
 
 /// About so many places are looked at: of more of them one of a few, in their order.
-const PLACES: usize = 1 << 15;
+const PLACES: usize = 1 << 14;
 /// One place of so many may lie further away.
 const BEYOND: usize = 1000;
 /// Cells of the grid, and entries in them, for each triangle at most.
@@ -37,6 +38,11 @@ pub struct Coarser<'a> {
 /// surfaces in the coarser mesh, in voxels; of many of them a sample is looked at, see [`PLACES`]. Those of a surface that is
 /// gone, half of its diagonal, as if all of it had fallen together in its middle.
 pub fn nearly_furthest(finer: &Mesh, coarser: &Coarser, centres: bool) -> f32 {
+    dispatch!(measured(finer, coarser, centres))
+}
+
+#[inline(always)]
+fn measured(finer: &Mesh, coarser: &Coarser, centres: bool) -> f32 {
     let place = |p: &[i32; 3]| -> Vec3 {
         Vec3::from_array(std::array::from_fn(|a| {
             (p[a] - coarser.low[a]) as f32 / LATTICE as f32
@@ -97,6 +103,7 @@ struct Search<'a> {
 }
 
 impl Search<'_> {
+    #[inline(always)]
     fn look(&mut self, p: Vec3, surface: u32) {
         let is_full = self.furthest.len() == self.held;
         let within = match self.furthest.peek() {
@@ -138,6 +145,7 @@ struct Grid {
 }
 
 impl Grid {
+    #[inline(always)]
     fn of(mesh: &Coarser, place: impl Fn(&[i32; 3]) -> Vec3) -> Self {
         let corners = |t: &[u32; 3]| t.map(|v| place(&mesh.points[v as usize]));
         let surface = |t: &[u32; 3]| (mesh.surface_of)(t[0]);
@@ -166,20 +174,24 @@ impl Grid {
         }
     }
 
+    #[inline(always)]
     fn cell(&self, p: Vec3) -> IVec3 {
         ((p - self.low) / self.width).floor().as_ivec3()
     }
 
+    #[inline(always)]
     fn number(&self, cell: IVec3) -> usize {
         ((cell.z * self.counts.y + cell.y) * self.counts.x + cell.x) as usize
     }
 
     /// The cells that the box of a triangle meets.
+    #[inline(always)]
     fn cells(&self, [p, q, r]: [Vec3; 3]) -> [IVec3; 2] {
         [self.cell(p.min(q).min(r)), self.cell(p.max(q).max(r))]
     }
 
     /// Puts the triangles into the cells; false if that would be too many entries.
+    #[inline(always)]
     fn fill(&mut self) -> bool {
         let sizes = self.corners.iter().map(|t| {
             let [low, high] = self.cells(*t);
@@ -205,6 +217,7 @@ impl Grid {
         true
     }
 
+    #[inline(always)]
     fn each_entry(&self, mut each: impl FnMut(usize, u32)) {
         for (i, t) in self.corners.iter().enumerate() {
             let [low, high] = self.cells(*t);
@@ -220,6 +233,7 @@ impl Grid {
 
     /// The squared distance to the nearest triangle of a surface, and that triangle; any one that is near enough will
     /// do.
+    #[inline(always)]
     fn nearest(&self, p: Vec3, surface: u32, enough: f32) -> (f32, u32) {
         let own = self.cell(p);
         let last = self.counts - IVec3::ONE;
@@ -248,6 +262,7 @@ impl Grid {
     }
 
     /// Looks at the cells so many cells away, until `look` says that it is enough.
+    #[inline(always)]
     fn ring(&self, own: IVec3, ring: i32, mut look: impl FnMut(&[u32]) -> bool) {
         let last = self.counts - IVec3::ONE;
         let low = (own - ring).max(IVec3::ZERO);
@@ -272,7 +287,7 @@ impl Grid {
     }
 
     /// The squared distance of a place to a triangle. Christer Ericson: Real-Time Collision Detection, 2005, 5.1.5.
-    #[inline]
+    #[inline(always)]
     fn squared(&self, p: Vec3, triangle: u32) -> f32 {
         let [a, b, c] = self.corners[triangle as usize];
         let (ab, ac, ap) = (b - a, c - a, p - a);
