@@ -277,19 +277,22 @@ impl ConvertArgs {
             ..LodOptions::default()
         };
         let made = lod::make(out, &options, console);
+        let typed = output::shell(out);
         made.map(Some).map_err(|error| match error {
             Error::Memory { limit, needed, .. } => {
-                let out = output::shell_word(out.as_os_str());
                 let mib = needed.div_ceil(1 << 20);
                 Error::Memory {
                     limit,
                     needed,
                     hint: format!(
-                        "of the levels of detail: the tile set is there and whole without them, `alvis lod {out} --memory {mib}MiB` \
+                        "of the levels of detail: the tile set is there and whole without them, `alvis lod {typed} --memory {mib}MiB` \
                          adds them"
                     ),
                 }
             }
+            // those of another ratio; --force of this command is for the tiles
+            other @ Error::Usage { .. } if convert::interrupted(out).is_none() => other
+                .with_hint(format!("the tile set is there and whole: `alvis lod {typed} --force` makes its levels of detail anew")),
             other => other,
         })
     }
