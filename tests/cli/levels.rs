@@ -119,13 +119,15 @@ fn sets(dir: &Path) {
     copy_all(&dir.join("out"), &dir.join("levels"));
 }
 
-/// What `verify` says of a set that is sound, on stderr.
+/// What `verify` warns of beside a set that is sound.
 fn verify_says(dir: &Path) -> String {
     let output = alvis(dir, &["verify", "out"]);
     let said = stdout(&output);
     assert_eq!(output.status.code(), Some(0), "{said}");
     assert!(said.starts_with("ok: "), "{said}");
-    stderr(&output)
+    // on a slow machine there is progress, too
+    let said = stderr(&output);
+    said.lines().filter(|l| l.starts_with("warning")).collect()
 }
 
 /// Begins anew with a copy of a set.
