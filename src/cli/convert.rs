@@ -166,7 +166,7 @@ pub struct ConvertArgs {
     /// Input and options must be those of the interrupted conversion; --memory, --threads, --io,
     /// --force, --quiet and --json may change. If there is nothing to go on with, the conversion begins
     /// at the beginning; if the directory holds this tile set already, whole and younger than the input,
-    /// nothing is done.
+    /// nothing is done, but with --force what was begun in place of it goes on.
     #[arg(long)]
     pub resume: bool,
     /// Add levels of detail when the tiles are done, as `alvis lod` does; not with --split or --labels, where they would gape
