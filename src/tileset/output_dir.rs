@@ -3,13 +3,13 @@
 use crate::checkpoint::{LayersDone, STATE, kept};
 use crate::error::{Error, Result};
 use crate::manifest::{
-    COMPONENTS, COMPONENTS_PARQUET, LEGEND, LEGEND_SVG, MANIFEST, NECKS, NECKS_PARQUET,
-    PARTIAL as WORK, TILESET, WALLS, WALLS_PARQUET,
+    COMPONENTS, COMPONENTS_PARQUET, LEGEND, LEGEND_SVG, NECKS, NECKS_PARQUET, PARTIAL as WORK,
+    TILESET, WALLS, WALLS_PARQUET,
 };
-use crate::store::is_remote;
 use crate::sys::files::{make_directory, remove_if_there, write_file};
 use crate::tileset::Lock;
 use crate::tileset::levels_left::{give_up_moving, levels_left};
+use crate::tileset::refused::{refuse_bucket, refuse_inside};
 use std::ffi::OsString;
 use std::fs;
 use std::io::ErrorKind;
@@ -99,60 +99,6 @@ pub fn interrupted(out: &Path) -> Option<LayersDone> {
 /// True if all of a tile set is made and somebody moves it into `out`, or has been stopped meanwhile.
 pub fn is_moved_in(out: &Path) -> bool {
     out.join(WORK).join(MOVING).exists()
-}
-
-/// Refuses to make a tile set of another one in the directory of that.
-///
-/// # Errors
-/// [`Error::Usage`].
-pub fn refuse_same(from: &Path, to: &Path) -> Result<()> {
-    match (from.canonicalize(), to.canonicalize()) {
-        (Ok(a), Ok(b)) if a == b => Err(Error::usage(
-            "DEST",
-            to.display().to_string(),
-            "another directory than OUT",
-        )),
-        _ => Ok(()),
-    }
-}
-
-/// Refuses a place in a bucket where only this machine is written to.
-///
-/// # Errors
-/// [`Error::Unsupported`].
-pub fn refuse_bucket(out: &Path) -> Result<()> {
-    match is_remote(out) {
-        false => Ok(()),
-        true => Err(Error::unsupported(
-            out,
-            "writing this to a bucket",
-            "of what writes tile sets `alvis convert` alone puts them there: write to this machine, and copy the directory",
-        )),
-    }
-}
-
-/// Refuses a directory inside of a tile set, where all other files are foreign.
-fn refuse_inside(out: &Path) -> Result<()> {
-    // of what cannot be told where it lies, the directories that it names
-    let whole = std::path::absolute(out).unwrap_or_else(|_| out.to_path_buf());
-    let above = whole.ancestors().skip(1);
-    match above.take(3).find(|dir| is_tile_set(dir)) {
-        Some(set) => Err(Error::usage(
-            "OUT",
-            format!(
-                "{}, which lies in the tile set {}",
-                out.display(),
-                set.display()
-            ),
-            "a directory beside it",
-        )),
-        None => Ok(()),
-    }
-}
-
-/// True if a directory has the index of a tile set and its tiles.
-fn is_tile_set(dir: &Path) -> bool {
-    dir.join(MANIFEST).is_file() && dir.join("tiles").is_dir()
 }
 
 /// Refuses a directory in which no tile set can be made, and leaves it as it is. What an interrupted conversion
