@@ -148,15 +148,17 @@ pub enum Error {
     },
     /// The tile set that is to be gone on with is whole, and not the one that is asked for.
     #[error(
-        "{}: the tile set there was made otherwise: {differences}: give input and options as they were, --force \
-         instead of --resume to replace it, or another directory",
-        path.display()
+        "{}: the tile set there was made otherwise: {differences}: {}",
+        path.display(),
+        replacing(*begun)
     )]
     OtherTileSet {
         /// The output directory.
         path: PathBuf,
         /// What differs, with the old and the new value each.
         differences: String,
+        /// The one that is asked for was begun in place of it and interrupted.
+        begun: bool,
     },
     /// The parts of a volume that are worked on there are those of another plan.
     #[error(
@@ -256,6 +258,19 @@ fn listed(uses: &[MemoryUse]) -> String {
     match &uses.iter().map(each).collect::<Vec<_>>()[..] {
         [] => String::new(),
         listed => format!(" ({})", listed.join(", ")),
+    }
+}
+
+/// How to replace a tile set that was made otherwise, in whose place this conversion may have been begun.
+fn replacing(begun: bool) -> &'static str {
+    match begun {
+        true => {
+            "what this conversion has done to replace it is kept: give --force beside --resume to go on with that, or \
+             another directory"
+        }
+        false => {
+            "give input and options as they were, --force instead of --resume to replace it, or another directory"
+        }
     }
 }
 

@@ -10,7 +10,7 @@ use alvis::progress::{Progress, Quiet};
 use alvis::volume::{OpenOptions, Volume, open};
 use command::{fails, ok};
 use common::volumes::{Random, foam, late_joins, noise, placed};
-use common::{assert_same_files, files, options};
+use common::{assert_same_files, copy_all, files, options};
 use std::path::Path;
 use std::process::{Child, Command, Stdio};
 use std::sync::Mutex;
@@ -406,8 +406,50 @@ fn a_whole_set_with_an_unfinished_conversion_beside_it_is_told_from_a_new_one() 
     let verified = verify();
     assert_eq!(verified.status.code(), Some(0));
     assert!(said(&verified).contains("not finished"));
+    // without --force the whole set stays, and it is said what goes on in place of it
+    let refused = fails(here, &words(&CONVERT.replace("128", "120 --resume")));
+    assert!(refused.contains("--force beside --resume"), "{refused}");
+    let stays = command::alvis(here, &words(&format!("{CONVERT} --resume")));
+    assert_eq!(stays.status.code(), Some(0));
+    assert!(said(&stays).contains("with --force and --resume"));
+    let refused = fails(here, &["lod", "out"]);
+    assert!(refused.contains("typed again with --resume"), "{refused}");
     ok(here, &words(&format!("{replace} --resume")));
     assert!(!said(&verify()).contains("not finished"));
+}
+
+/// A conversion that was begun by force in place of the same set goes on by force; else that set stays, and what was begun
+/// goes, for it would have been the same.
+#[test]
+fn a_conversion_in_place_of_the_same_set_goes_on_or_is_dropped() {
+    let dir = tempfile::tempdir().unwrap();
+    let here = dir.path();
+    ok(here, &words(FOAM));
+    let out = here.join("out");
+    let (work, aside) = (out.join(WORK), here.join("aside"));
+    half_done(here, CONVERT);
+    std::fs::rename(&work, &aside).unwrap();
+    let with_levels = format!("{CONVERT} --lod");
+    ok(here, &words(&with_levels));
+    let expected = files(&out);
+    for before in [&with_levels[..], CONVERT] {
+        for (more, goes_on) in [(" --force --resume", true), (" --resume", false)] {
+            ok(here, &words(&format!("{before} --force")));
+            copy_all(&aside, &work);
+            let again = command::alvis(here, &words(&format!("{with_levels}{more}")));
+            let said = String::from_utf8_lossy(&again.stderr).into_owned();
+            assert_eq!(again.status.code(), Some(0), "{said}");
+            assert_eq!(said.contains("resuming: "), goes_on, "{said}");
+            assert_eq!(said.contains("was removed"), !goes_on, "{said}");
+            assert_same_files(&files(&out), &expected, more);
+            let verified = command::alvis(here, &["verify", "out"]);
+            let said = String::from_utf8_lossy(&verified.stderr);
+            assert!(
+                verified.status.success() && !said.contains("warning"),
+                "{said}"
+            );
+        }
+    }
 }
 
 #[test]

@@ -161,7 +161,9 @@ fn kept(error: &Error) -> Kept {
             ..Kept::default()
         },
         Error::OtherConversion { path, differences }
-        | Error::OtherTileSet { path, differences } => Kept {
+        | Error::OtherTileSet {
+            path, differences, ..
+        } => Kept {
             place: at(path),
             found: some(differences),
             ..Kept::default()

@@ -166,7 +166,7 @@ pub struct ConvertArgs {
     /// Input and options must be those of the interrupted conversion; --memory, --threads, --io,
     /// --force, --quiet and --json may change. If there is nothing to go on with, the conversion begins
     /// at the beginning; if the directory holds this tile set already, whole and younger than the input,
-    /// nothing is done.
+    /// nothing is done, but with --force what was begun in place of it goes on.
     #[arg(long)]
     pub resume: bool,
     /// Add levels of detail when the tiles are done, as `alvis lod` does; not with --split or --labels, where they would gape
@@ -277,19 +277,22 @@ impl ConvertArgs {
             ..LodOptions::default()
         };
         let made = lod::make(out, &options, console);
+        let typed = output::shell(out);
         made.map(Some).map_err(|error| match error {
             Error::Memory { limit, needed, .. } => {
-                let out = output::shell_word(out.as_os_str());
                 let mib = needed.div_ceil(1 << 20);
                 Error::Memory {
                     limit,
                     needed,
                     hint: format!(
-                        "of the levels of detail: the tile set is there and whole without them, `alvis lod {out} --memory {mib}MiB` \
+                        "of the levels of detail: the tile set is there and whole without them, `alvis lod {typed} --memory {mib}MiB` \
                          adds them"
                     ),
                 }
             }
+            // those of another ratio; --force of this command is for the tiles
+            other @ Error::Usage { .. } if convert::interrupted(out).is_none() => other
+                .with_hint(format!("the tile set is there and whole: `alvis lod {typed} --force` makes its levels of detail anew")),
             other => other,
         })
     }

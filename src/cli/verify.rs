@@ -8,6 +8,7 @@ use super::{Outcome, labels, output};
 use crate::error::{Error, Result};
 use crate::manifest::{Manifest, PARTIAL};
 use crate::progress::Progress;
+use crate::tileset::{LevelsLeft, interrupted, levels_left};
 use crate::verify::{self, Issue, LabelVolume, Report, Severity, VerifyOptions};
 use crate::volume::{self, Opened, Stamp, Volume};
 use clap::{Args, ValueHint};
@@ -122,20 +123,24 @@ impl VerifyArgs {
 
 /// What lies beside a set and is not finished, and how to go on with it.
 fn unfinished(out: &Path) -> Option<String> {
-    let name = out.display();
-    if crate::lod::interrupted(out) {
-        let typed = output::shell_word(out.as_os_str());
-        return Some(format!(
+    let (name, typed) = (out.display(), output::shell(out));
+    match levels_left(out) {
+        Some(LevelsLeft::Begun) => Some(format!(
             "{name}: levels of detail of this set are not finished ({PARTIAL}): `alvis lod {typed} --resume`, with the \
              options that they were begun with, goes on with them"
-        ));
+        )),
+        Some(LevelsLeft::MovingIn) => Some(format!(
+            "{name}: levels of detail of this set are all made, and not all in place, so that they are not checked \
+             ({PARTIAL}): `alvis lod {typed} --resume`, with the options that they were begun with, moves in the rest"
+        )),
+        None => interrupted(out).map(|kept| {
+            format!(
+                "{name}: beside this set lies a conversion that is not finished, {} of {} layers are done ({PARTIAL}): \
+                 the same `alvis convert` with --resume goes on with it",
+                kept.done, kept.of
+            )
+        }),
     }
-    out.join(PARTIAL).is_dir().then(|| {
-        format!(
-            "{name}: beside this set lies a conversion that is not finished ({PARTIAL}): the same `alvis convert` with \
-             --resume goes on with it"
-        )
-    })
 }
 
 impl VerifyArgs {

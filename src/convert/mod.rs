@@ -50,7 +50,9 @@ use crate::convert::mesh::tile_writer::TileWriter;
 use crate::convert::mesh::{MeshInput, Meshed, mesh};
 use crate::convert::plan::plan;
 use crate::convert::resolve::{Numbering, Resolved, resolve};
-use crate::convert::resume::{begin, commit_begun, complete, refuse_kept, refuse_other};
+use crate::convert::resume::{
+    begin, commit_begun, complete, is_begun, refuse_kept, refuse_other, tidy_beside,
+};
 use crate::convert::tables::write_tables;
 use crate::convert::totals::{ScannedSums, dust_of};
 use crate::convert::walls::{WallsInput, add_walls, walls};
@@ -62,7 +64,7 @@ use crate::progress::Progress;
 use crate::sys::memory_pool::{MemoryPool, MemoryReservation};
 use crate::sys::process_memory::peak_rss_bytes;
 use crate::sys::spill_file::SpillFile;
-use crate::tileset::{Output, TilesetWriter, outward, tidy};
+use crate::tileset::{Output, TilesetWriter, outward};
 use crate::volume::{Cropped, Filled, Volume, Watch, Watched, spool_beside};
 use std::any::Any;
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -235,25 +237,22 @@ fn run(job: &Conversion, out: &Path, accept: &Accept) -> Result<Done> {
         resumed_layers: job.swept_layers(),
         resumed_index_layers: job.layers(),
     };
+    let identity = identity::of(&options.input, &job.asked());
+    let begun = is_begun(out, &identity);
+    // by force it was begun in place of a set that is whole, and by force it goes on
     if options.resume
+        && !(options.force && begun)
         && let Some(made) = complete(job, out)
     {
         accept(out)?;
         job.progress
             .warn("nothing to resume: the directory holds this tile set already, whole");
-        tidy(out)?;
-        if interrupted(out).is_some() {
-            job.progress.warn(&format!(
-                "what another conversion has begun beside it is left: the same with --force begins anew, or remove {}",
-                out.join(crate::manifest::PARTIAL).display()
-            ));
-        }
+        tidy_beside(out, &identity, job.progress)?;
         return Ok(all_done(made));
     }
     if options.resume && !options.force {
-        refuse_other(job, out)?;
+        refuse_other(job, out, begun)?;
     }
-    let identity = identity::of(&options.input, &job.asked());
     let mut output = Output::open(out, options.force, options.resume)?;
     if options.resume
         && let Some(made) = commit_begun(&output, &identity)

@@ -46,7 +46,8 @@ pub struct ConvertOptions {
     pub force: bool,
     /// Go on with a conversion into the output directory that was interrupted, if there is one: it
     /// must have had the same input and options, but for `memory`, `threads` and `force`. If the
-    /// directory holds the tile set that is asked for, whole and younger than the input, nothing is done.
+    /// directory holds the tile set that is asked for, whole and younger than the input, nothing is done; what was begun
+    /// in place of it goes on if `force` is set, and is removed if not.
     /// Without this an interrupted conversion is begun anew if `force` is set, and refused if not.
     pub resume: bool,
     /// What tells the input from any other, such as its size and the time of its last change, see

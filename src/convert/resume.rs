@@ -5,8 +5,9 @@ use crate::convert::conversion::{Conversion, Made};
 use crate::convert::identity;
 use crate::convert::warnings::warnings;
 use crate::error::{Error, Result};
-use crate::manifest::{Layer, Manifest, PartsBy};
-use crate::tileset::Output;
+use crate::manifest::{Layer, Manifest, PARTIAL, PartsBy};
+use crate::progress::Progress;
+use crate::tileset::{Output, interrupted, remove_if, tidy};
 use std::fs::File;
 use std::io::{BufRead, BufReader, Read, Write};
 use std::path::Path;
@@ -91,11 +92,38 @@ impl Write for Same {
     }
 }
 
-/// Refuses a whole tile set in `out` that was made of something else, or otherwise.
+/// True if this conversion was interrupted in `out`, and there is something to go on from.
+pub fn is_begun(out: &Path, identity: &Identity) -> bool {
+    let same = |d: Vec<String>| d.is_empty();
+    let work = out.join(PARTIAL);
+    kept(&work).is_some() && Checkpointer::differences(&work, identity).is_some_and(same)
+}
+
+/// Removes what was begun beside the whole tile set of this conversion in `out`, unless it is another conversion.
+///
+/// # Errors
+/// As of [`tidy`].
+pub fn tidy_beside(out: &Path, identity: &Identity, progress: &dyn Progress) -> Result<()> {
+    tidy(out)?;
+    if is_begun(out, identity) {
+        remove_if(out, || is_begun(out, identity))?;
+        progress.warn("what was begun beside it, to make the same tile set once more, was removed");
+    } else if interrupted(out).is_some() {
+        progress.warn(&format!(
+            "what another conversion has begun beside it is left: that one goes on when it is typed again with --force and \
+             --resume; this one with --force and without --resume drops it, and so does removing {}",
+            out.join(PARTIAL).display()
+        ));
+    }
+    Ok(())
+}
+
+/// Refuses a whole tile set in `out` that was made of something else, or otherwise; `begun` says that this conversion
+/// was begun in place of it.
 ///
 /// # Errors
 /// [`Error::OtherTileSet`].
-pub fn refuse_other(job: &Conversion, out: &Path) -> Result<()> {
+pub fn refuse_other(job: &Conversion, out: &Path, begun: bool) -> Result<()> {
     let Ok(found) = Manifest::open(out) else {
         return Ok(());
     };
@@ -105,6 +133,7 @@ pub fn refuse_other(job: &Conversion, out: &Path) -> Result<()> {
         false => Err(Error::OtherTileSet {
             path: out.to_path_buf(),
             differences: differences.join("; "),
+            begun,
         }),
     }
 }

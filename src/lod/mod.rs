@@ -12,7 +12,7 @@
 //! 4. `distance` measures how far surfaces have moved, `gap` bounds how far the border has moved in its planes, `fins` cover that much on both sides of it, so that
 //!    nothing is seen through between nodes of different levels.
 //!
-//! `build` does these in order. `run` makes level after level, layer by layer, each node once its children are
+//! `build` does these in order, `rows` takes the node apart into the rows of its file. `run` makes level after level, layer by layer, each node once its children are
 //! written; `work` is the directory in which all is made before it gets its name, `journal` what is done of a layer; `tileset_json` writes the tree for
 //! viewers of 3D Tiles.
 //!
@@ -39,8 +39,10 @@ mod pinches;
 mod place;
 mod planes;
 mod quadric;
+mod rows;
 mod run;
 mod specks;
+mod tetrahedron;
 mod tileset_json;
 mod triangles;
 mod work;

@@ -16,7 +16,7 @@ use crate::sys::id_set::IdSet;
 use crate::sys::memory_pool::MemoryPool;
 use crate::sys::process_memory::peak_rss_bytes;
 use crate::tile::read::{Pieces, Tile};
-use crate::tileset::{TileSet, refuse_bucket};
+use crate::tileset::{TileSet, refuse_bucket, tidy};
 use serde::Serialize;
 use std::path::Path;
 use std::sync::Arc;
@@ -25,6 +25,9 @@ use std::time::Instant;
 
 /// Triangles of a root that a viewer can always show.
 const ROOT: u64 = 100_000;
+/// What is said of levels for which nothing had to be done, and of those that only had to be moved.
+const NOTHING_DONE: &str = "the levels of detail are there and finished: nothing was done";
+const MOVED_IN: &str = "the levels of detail had all been made when they were interrupted: what was not in place yet was moved in";
 /// Memory that is used for everything but nodes in the making.
 const FIXED: u64 = 32 << 20;
 
@@ -41,7 +44,7 @@ pub struct LodReport {
     pub triangles_by_level: Vec<u64>,
     /// Bytes of the files of levels: nodes, their lists, the index and the tree.
     pub bytes: u64,
-    /// As many, or 0 if the levels were there and nothing was done.
+    /// As many, or 0 if all of them had been made before.
     pub bytes_written: u64,
     /// How far surfaces of the tiles lie from those of a level, in voxels: the largest of its nodes, see
     /// [`NodeEntry::error`].
@@ -74,12 +77,17 @@ pub fn lod(out: &Path, options: &LodOptions, progress: &dyn Progress) -> Result<
     let set = TileSet::open(out)?;
     // those that were interrupted may be about to replace these
     if !interrupted(out)
-        && let Some(report) = finished(&set, options, progress, start)?
+        && let Some(report) = finished(&set, options, start)?
     {
+        progress.warn(NOTHING_DONE);
+        tidy(out)?;
         return Ok(report);
     }
     check_tiles(&set)?;
     let mut work = Work::open(out)?;
+    if work.moved_in() {
+        progress.warn(MOVED_IN);
+    }
     // what had been interrupted while it was moved in is there now, or somebody else's
     let set = TileSet::open(out)?;
     let manifest = set.manifest().clone();
@@ -88,7 +96,10 @@ pub fn lod(out: &Path, options: &LodOptions, progress: &dyn Progress) -> Result<
             resume: options.resume || work.moved_in(),
             ..*options
         };
-        if let Some(report) = finished(&set, &options, progress, start)? {
+        if let Some(report) = finished(&set, &options, start)? {
+            if !work.moved_in() {
+                progress.warn(NOTHING_DONE);
+            }
             return Ok(report);
         }
     }
@@ -129,17 +140,11 @@ pub fn lod(out: &Path, options: &LodOptions, progress: &dyn Progress) -> Result<
 }
 
 /// Of levels that are finished and asked for, so that nothing is to be done.
-fn finished(
-    set: &TileSet,
-    options: &LodOptions,
-    progress: &dyn Progress,
-    start: Instant,
-) -> Result<Option<LodReport>> {
+fn finished(set: &TileSet, options: &LodOptions, start: Instant) -> Result<Option<LodReport>> {
     let Some(levels) = kept_levels(set, options)? else {
         return Ok(None);
     };
     check_kept(&levels, set, options)?;
-    progress.warn("the levels of detail are there and finished: nothing was done");
     let manifest = set.manifest();
     let index = manifest.lod.as_ref().map_or(0, |index| index.bytes);
     let beside = index + bytes_of_shards(&levels) + tileset_json::bytes(set.dir());

@@ -5,6 +5,7 @@ use super::clusters::Clusters;
 use super::collapse::{Limits, collapse};
 use super::mesh::Mesh;
 use super::planes::{OnPlanes, Planes, axes};
+use super::tetrahedron::tetrahedron;
 use super::triangles::distinct;
 use crate::grid::LATTICE;
 use glam::DVec3;
@@ -258,48 +259,13 @@ impl Specks<'_> {
     }
 }
 
-/// A tetrahedron between those of a closed surface's places that lie furthest apart, oriented as it is; `None` if all lie
-/// in a plane.
-fn tetrahedron(triangles: &[[u32; 3]], points: &[[i32; 3]]) -> Option<Vec<[u32; 3]>> {
-    let place = |v: u32| DVec3::from(points[v as usize].map(f64::from));
-    // the first of several
-    let furthest = |away: &dyn Fn(DVec3) -> f64| {
-        let mut best = (0, 0.0);
-        for v in 0..points.len() as u32 {
-            let distance = away(place(v));
-            if distance > best.1 {
-                best = (v, distance);
-            }
-        }
-        (best.1 > 0.0).then_some(best.0)
-    };
-    let a = (0..points.len() as u32).min_by_key(|&v| points[v as usize])?;
-    let p = place(a);
-    let b = furthest(&|q| q.distance_squared(p))?;
-    let along = place(b) - p;
-    let c = furthest(&|q| along.cross(q - p).length_squared())?;
-    let normal = along.cross(place(c) - p);
-    let d = furthest(&|q| normal.dot(q - p).abs())?;
-    let volume: f64 = triangles
-        .iter()
-        .map(|t| {
-            let [q, r, s] = t.map(|v| place(v) - p);
-            q.dot(r.cross(s))
-        })
-        .sum();
-    let (b, c) = match normal.dot(place(d) - p) * volume < 0.0 {
-        true => (c, b),
-        false => (b, c),
-    };
-    Some(vec![[a, c, b], [a, b, d], [b, c, d], [c, a, d]])
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::grid::{Dims, Tiling};
     use crate::lod::clusters::Kind;
     use crate::lod::mesh::{Surface, SurfaceKey};
+    use crate::lod::tetrahedron::tests::solid;
     use crate::measure::Field;
     use crate::tile::Extras;
 
@@ -324,24 +290,6 @@ mod tests {
                 triangles: 8,
             }],
         }
-    }
-
-    /// Six times the volume that triangles enclose, and whether each edge has its reverse.
-    fn solid(points: &[[i32; 3]], triangles: &[[u32; 3]]) -> (f64, bool) {
-        let place = |v: u32| DVec3::from(points[v as usize].map(f64::from));
-        let volume = triangles.iter().map(|t| {
-            let [p, q, r] = t.map(place);
-            p.dot(q.cross(r))
-        });
-        let edges = || {
-            triangles
-                .iter()
-                .flat_map(|&[a, b, c]| [(a, b), (b, c), (c, a)])
-        };
-        (
-            volume.sum(),
-            edges().all(|(a, b)| edges().any(|e| e == (b, a))),
-        )
     }
 
     /// What comes back of a mesh of which nothing is left: clusters, their places, triangles.
@@ -429,18 +377,6 @@ mod tests {
             assert!(closed && (volume < 0.0) == inverted, "{volume}");
             assert!(points.iter().all(|p| planes.bits(*p) == 0), "{points:?}");
         }
-    }
-
-    #[test]
-    fn a_tetrahedron_stands_for_a_surface_and_faces_as_it_does() {
-        let mut mesh = octahedron([2000, 3000, 4000], 400);
-        for _ in 0..2 {
-            let own = tetrahedron(&mesh.triangles, &mesh.points).unwrap();
-            let (volume, closed) = solid(&mesh.points, &own);
-            assert!(closed && volume * solid(&mesh.points, &mesh.triangles).0 > 0.0);
-            mesh.triangles.iter_mut().for_each(|t| t.swap(0, 1));
-        }
-        assert_eq!(tetrahedron(&mesh.triangles, &mesh.points[..4]), None);
     }
 
     #[test]

@@ -1,21 +1,18 @@
 //! The directory in which levels are made, inside that of the tile set, and how they get their names: the index last,
 //! so that it never names what is not there.
 
-use crate::checkpoint::kept;
 use crate::error::{Error, Result};
 use crate::manifest::checksum_text;
 use crate::manifest::{LEVELS, LevelsEntry, MANIFEST, Manifest, PARTIAL, TILESET, sums_of};
 use crate::sys::files::{remove_if_there, write_file};
-use crate::tileset::{LEVELS_STATE as STATE, Lock, take_lock};
+use crate::tileset::{
+    self, LEVELS_MOVING as MOVING, LEVELS_STATE as STATE, LOD, Lock, levels_left, take_lock, tidy,
+};
 use serde::{Deserialize, Serialize};
 use std::fs::{self, File};
 use std::io::{BufWriter, ErrorKind, Write};
 use std::path::{Path, PathBuf};
 
-/// Directory of all levels, in the tile set and while they are made.
-const LOD: &str = "lod";
-/// Says that all is made and is being moved in.
-const MOVING: &str = "lod-moving";
 /// The state while it is written.
 const STATE_NEW: &str = "lod.new";
 /// The index without levels, while those that it named are replaced.
@@ -51,9 +48,9 @@ pub struct Work {
     lock: Option<Lock>,
 }
 
-/// True if the directory of a tile set has levels that were interrupted while they were made.
+/// True if the directory of a tile set has levels that were interrupted while they were made or moved into place.
 pub fn interrupted(out: &Path) -> bool {
-    out.join(PARTIAL).join(STATE).is_file()
+    levels_left(out).is_some()
 }
 
 /// True if levels are all made, and were interrupted while they were moved into the directory of a tile set.
@@ -62,27 +59,32 @@ pub(crate) fn moving_in(out: &Path) -> bool {
 }
 
 impl Work {
-    /// Makes the work directory, or takes the one that is there with all that is in it. What was being moved in when
-    /// it was interrupted is moved in first.
+    /// Makes the work directory, or takes the one that is there if there is something in it to go on with. What was being
+    /// moved in when it was interrupted is moved in first.
     ///
     /// # Errors
     /// [`Error::OutputBusy`] if somebody else writes there; [`Error::Usage`] if a conversion was interrupted there;
     /// [`Error::Io`].
     pub fn open(out: &Path) -> Result<Self> {
+        tidy(out)?;
         let dir = out.join(PARTIAL);
         let lock = take_lock(&dir, out)?;
         let mut work = Work {
             out: out.to_path_buf(),
-            keep: interrupted(out) || kept(&dir).is_some(),
+            keep: interrupted(out) || tileset::interrupted(out).is_some(),
             dir,
             moved_in: false,
             lock: Some(lock),
         };
-        if kept(&work.dir).is_some() {
+        if tileset::interrupted(out).is_some() {
             return Err(Error::usage(
                 "OUT",
                 format!("an interrupted conversion in {}", out.display()),
-                "a tile set that is finished: `alvis convert` with --resume goes on with it",
+                format!(
+                    "a tile set that is finished: the `alvis convert` that was interrupted, typed again with --resume, goes \
+                     on with it; removing {} drops it",
+                    work.dir.display()
+                ),
             ));
         }
         if work.dir.join(MOVING).exists() {

@@ -76,9 +76,16 @@ impl TileMesh {
     /// # Ok::<(), alvis::tile::read::ReadError>(())
     /// ```
     pub fn read(bytes: &[u8]) -> Result<Self> {
-        let tile = Tile::read(bytes)?;
-        let kind = kind(&tile)?;
-        let (pieces, extras) = (pieces(&tile, kind)?, of_pieces(&tile)?);
+        Self::of(&Tile::read(bytes)?)
+    }
+
+    /// Copies a tile that has been read.
+    ///
+    /// # Errors
+    /// As [`TileMesh::read`].
+    pub(crate) fn of(tile: &Tile) -> Result<Self> {
+        let kind = kind(tile)?;
+        let (pieces, extras) = (pieces(tile, kind)?, of_pieces(tile)?);
         let pieces = pieces.into_iter().zip(extras);
         Ok(TileMesh {
             matrix: tile.matrix,
@@ -108,10 +115,17 @@ impl NodeMesh {
     /// # Errors
     /// As [`TileMesh::read`].
     pub fn read(bytes: &[u8]) -> Result<Self> {
-        let tile = Tile::read_node(bytes)?;
-        let said = node_extras(&tile)?;
-        let kind = kind(&tile)?;
-        let (pieces, extras) = (pieces(&tile, kind)?, of_pieces(&tile)?);
+        Self::of(&Tile::read_node(bytes)?)
+    }
+
+    /// Copies a node that has been read.
+    ///
+    /// # Errors
+    /// As [`TileMesh::read`].
+    pub(crate) fn of(tile: &Tile) -> Result<Self> {
+        let said = node_extras(tile)?;
+        let kind = kind(tile)?;
+        let (pieces, extras) = (pieces(tile, kind)?, of_pieces(tile)?);
         let all = pieces.into_iter().zip(extras);
         let mut pieces: Vec<SurfacePiece> = all.map(|(p, extras)| whole(p, kind, extras)).collect();
         let Some(surfaces) = pieces.len().checked_sub(said.fin_rows as usize) else {

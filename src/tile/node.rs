@@ -7,7 +7,8 @@ use super::contents::body_of;
 use super::document::{Node, NodeExtras, TileHead};
 use super::encoded::FloatBody;
 use super::file::tile_file;
-use super::pieces::{Piece, pieces};
+use super::mesh::SurfacePiece;
+use super::pieces::{Piece, lattice, pieces};
 use super::read::{PieceIds, Tile};
 use super::store::Refused;
 use super::{Extras, codec};
@@ -50,6 +51,26 @@ pub(crate) fn parts_of_node(bytes: &[u8]) -> Result<Vec<SurfacePart>, ReadError>
         None => return fail(Fault::Extras, "/nodes/0/extras", "more fins than rows"),
     }
     Ok(parts)
+}
+
+/// The same of pieces that have been read of a tile or a node already.
+///
+/// # Errors
+/// [`ReadError`] if a position is not on the lattice.
+pub(crate) fn parts_of_pieces(
+    tile: &Tile,
+    pieces: Vec<SurfacePiece>,
+) -> Result<Vec<SurfacePart>, ReadError> {
+    let measured = tile.primitives.iter().flat_map(|p| &p.measured);
+    let part = |(piece, measured): (SurfacePiece, _)| {
+        Ok(SurfacePart {
+            extras: Extras::measured(&piece.ids, measured),
+            points: lattice(&piece.positions)?,
+            normals: piece.normals,
+            triangles: piece.triangles,
+        })
+    };
+    pieces.into_iter().zip(measured).map(part).collect()
 }
 
 /// What the root node of a node's file says.

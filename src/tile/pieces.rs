@@ -258,21 +258,29 @@ impl Piece {
     /// # Errors
     /// [`ReadError`] if one is not on the lattice or far outside any grid.
     pub fn lattice(&self) -> Result<Vec<[i32; 3]>, ReadError> {
-        let limit = (crate::grid::MAX_DIM * LATTICE) as f32;
-        let steps = |v: f32| {
-            let (s, whole) = (v * LATTICE as f32, (v * LATTICE as f32) as i32);
-            (whole as f32 == s && s.abs() <= limit).then_some(whole)
-        };
-        let point = |p: &[f32; 3]| match p.map(steps) {
-            [Some(x), Some(y), Some(z)] => Ok([x, y, z]),
-            _ => fail(
-                Fault::Accessor,
-                "",
-                format!("found the position {p:?}, expected multiples of 1/{LATTICE} in the grid"),
-            ),
-        };
-        self.positions.iter().map(point).collect()
+        lattice(&self.positions)
     }
+}
+
+/// Positions in lattice steps.
+///
+/// # Errors
+/// [`ReadError`] if one is not on the lattice or far outside any grid.
+pub fn lattice(positions: &[[f32; 3]]) -> Result<Vec<[i32; 3]>, ReadError> {
+    let limit = (crate::grid::MAX_DIM * LATTICE) as f32;
+    let steps = |v: f32| {
+        let (s, whole) = (v * LATTICE as f32, (v * LATTICE as f32) as i32);
+        (whole as f32 == s && s.abs() <= limit).then_some(whole)
+    };
+    let point = |p: &[f32; 3]| match p.map(steps) {
+        [Some(x), Some(y), Some(z)] => Ok([x, y, z]),
+        _ => fail(
+            Fault::Accessor,
+            "",
+            format!("found the position {p:?}, expected multiples of 1/{LATTICE} in the grid"),
+        ),
+    };
+    positions.iter().map(point).collect()
 }
 
 #[cfg(test)]

@@ -3,12 +3,13 @@
 use crate::checkpoint::{LayersDone, STATE, kept};
 use crate::error::{Error, Result};
 use crate::manifest::{
-    COMPONENTS, COMPONENTS_PARQUET, LEGEND, LEGEND_SVG, MANIFEST, NECKS, NECKS_PARQUET,
-    PARTIAL as WORK, TILESET, WALLS, WALLS_PARQUET,
+    COMPONENTS, COMPONENTS_PARQUET, LEGEND, LEGEND_SVG, NECKS, NECKS_PARQUET, PARTIAL as WORK,
+    TILESET, WALLS, WALLS_PARQUET,
 };
-use crate::store::is_remote;
 use crate::sys::files::{make_directory, remove_if_there, write_file};
 use crate::tileset::Lock;
+use crate::tileset::levels_left::{give_up_moving, levels_left};
+use crate::tileset::refused::{refuse_bucket, refuse_inside};
 use std::ffi::OsString;
 use std::fs;
 use std::io::ErrorKind;
@@ -56,8 +57,6 @@ const OPTIONAL: [&str; 13] = [
 ];
 /// The file in it that says who works there.
 const LOCK: &str = "lock";
-/// The file in it that says what levels of detail are being made.
-pub(crate) const LEVELS_STATE: &str = "lod.json";
 /// The file in it that says how a volume is converted in parts, and the directory of these, until it is removed.
 pub(crate) const PLAN: &str = "plan.json";
 pub(crate) const PARTS: &str = "parts";
@@ -89,68 +88,17 @@ pub struct Output {
     lock: Option<Lock>,
 }
 
-/// The layers that an interrupted conversion into `out` has finished, if there was one.
+/// The layers that an interrupted conversion into `out` has finished, if there was one, and not all of it is in place.
 pub fn interrupted(out: &Path) -> Option<LayersDone> {
-    kept(&out.join(WORK))
+    let work = out.join(WORK);
+    // the index is the last to be moved
+    let moved = work.join(MOVING).exists() && !work.join(ENTRIES[0]).exists();
+    kept(&work).filter(|_| !moved)
 }
 
 /// True if all of a tile set is made and somebody moves it into `out`, or has been stopped meanwhile.
 pub fn is_moved_in(out: &Path) -> bool {
     out.join(WORK).join(MOVING).exists()
-}
-
-/// Refuses to make a tile set of another one in the directory of that.
-///
-/// # Errors
-/// [`Error::Usage`].
-pub fn refuse_same(from: &Path, to: &Path) -> Result<()> {
-    match (from.canonicalize(), to.canonicalize()) {
-        (Ok(a), Ok(b)) if a == b => Err(Error::usage(
-            "DEST",
-            to.display().to_string(),
-            "another directory than OUT",
-        )),
-        _ => Ok(()),
-    }
-}
-
-/// Refuses a place in a bucket where only this machine is written to.
-///
-/// # Errors
-/// [`Error::Unsupported`].
-pub fn refuse_bucket(out: &Path) -> Result<()> {
-    match is_remote(out) {
-        false => Ok(()),
-        true => Err(Error::unsupported(
-            out,
-            "writing this to a bucket",
-            "of what writes tile sets `alvis convert` alone puts them there: write to this machine, and copy the directory",
-        )),
-    }
-}
-
-/// Refuses a directory inside of a tile set, where all other files are foreign.
-fn refuse_inside(out: &Path) -> Result<()> {
-    // of what cannot be told where it lies, the directories that it names
-    let whole = std::path::absolute(out).unwrap_or_else(|_| out.to_path_buf());
-    let above = whole.ancestors().skip(1);
-    match above.take(3).find(|dir| is_tile_set(dir)) {
-        Some(set) => Err(Error::usage(
-            "OUT",
-            format!(
-                "{}, which lies in the tile set {}",
-                out.display(),
-                set.display()
-            ),
-            "a directory beside it",
-        )),
-        None => Ok(()),
-    }
-}
-
-/// True if a directory has the index of a tile set and its tiles.
-fn is_tile_set(dir: &Path) -> bool {
-    dir.join(MANIFEST).is_file() && dir.join("tiles").is_dir()
 }
 
 /// Refuses a directory in which no tile set can be made, and leaves it as it is. What an interrupted conversion
@@ -201,19 +149,38 @@ fn is_free(out: &Path, force: bool, resume: bool) -> Result<bool> {
     }
 }
 
-/// Removes what a process left that was killed after it had moved everything to its final name.
+/// Removes what a process left that was killed before anything was done, or after it had moved everything to its final
+/// name. Whatever can be gone on with stays.
 ///
 /// # Errors
 /// [`Error::OutputBusy`] if somebody writes there; [`Error::Io`].
 pub fn tidy(out: &Path) -> Result<()> {
-    let work = out.join(WORK);
-    let moved = work.join(MOVING).exists() && !work.join(ENTRIES[0]).exists();
-    // levels of detail go on from there
-    let levels = work.join(LEVELS_STATE).exists();
-    if work.exists() && !levels && (moved || kept(&work).is_none()) {
-        Output::open(out, true, true)?.remove_work()?;
+    let is_of_use = || levels_left(out).is_some() || interrupted(out).is_some();
+    match !out.join(WORK).exists() || is_of_use() {
+        true => Ok(()),
+        // whoever held the lock may have begun meanwhile
+        false => remove_if(out, || !is_of_use()),
     }
-    Ok(())
+}
+
+/// Removes the work directory of `out` if that may be when nobody else works there.
+///
+/// # Errors
+/// As of [`tidy`].
+pub fn remove_if(out: &Path, may_go: impl FnOnce() -> bool) -> Result<()> {
+    let work = out.join(WORK);
+    let mut output = Output {
+        lock: Some(take_lock(&work, out)?),
+        out: out.to_path_buf(),
+        work,
+        made_out: false,
+        keep: true,
+        done: false,
+    };
+    match may_go() {
+        true => output.remove_work(),
+        false => Ok(()),
+    }
 }
 
 /// An error as the user is told: what is being made in the work directory of `out` has the name that it gets later,
@@ -344,6 +311,7 @@ impl Output {
                 remove_if_there(&self.out.join(name))?;
             }
         }
+        give_up_moving(&self.out, &self.work)?;
         self.empty()?;
         make_directories(&self.work)
     }

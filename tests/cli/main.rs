@@ -1,7 +1,11 @@
 //! The command as its users see it: texts, exit status, one message for each failure, JSON.
 
+#[path = "../common/mod.rs"]
+mod common;
+
 mod batch;
 mod filters;
+mod levels;
 mod region;
 mod report;
 mod split;

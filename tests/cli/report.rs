@@ -4,9 +4,6 @@ use super::{alvis, fails, json, ok, stderr, temp};
 use serde_json::Value;
 use std::path::Path;
 
-#[path = "../common/seal.rs"]
-mod seal;
-
 /// A foam in `tiles`, and its volume.
 fn foam(dir: &Path) {
     let phantom = "phantom foam foam.mhd --dims 44,40,36 --pitch 11 --spacing 0.05 --unit mm -q";
@@ -190,7 +187,7 @@ fn put_table(dir: &Path, name: &str, text: &str) {
     index["tables"][name] = format!("{name}.csv").into();
     index["tables"]["checksums"][name] = "".into();
     std::fs::write(&path, index.to_string()).unwrap();
-    seal::seal(&tiles);
+    super::common::seal::seal(&tiles);
 }
 
 #[test]

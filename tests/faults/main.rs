@@ -1,6 +1,6 @@
 //! Every file operation of a conversion fails, in turn and in every way; the disk is full; the power
 //! fails; the input is cut. A conversion then ends with a message and goes on with `--resume`, or
-//! it notices nothing.
+//! it notices nothing. Levels of detail are killed before every change of a file.
 //!
 //! `shim.c` stands between the command and the C library. Without a C compiler these tests say that
 //! they skip.
@@ -10,6 +10,7 @@ mod command;
 #[path = "../common/mod.rs"]
 mod common;
 
+mod levels;
 mod parts;
 mod power;
 

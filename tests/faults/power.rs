@@ -10,14 +10,14 @@ use std::process::{Command, Stdio};
 use std::time::{Duration, Instant};
 
 /// Files by name, and the names of directories.
-#[derive(Debug, Clone, Default)]
-struct Tree {
-    files: BTreeMap<String, Vec<u8>>,
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Tree {
+    pub files: BTreeMap<String, Vec<u8>>,
     dirs: BTreeSet<String>,
 }
 
 impl Tree {
-    fn read(root: &Path) -> Self {
+    pub fn read(root: &Path) -> Self {
         fn walk(root: &Path, dir: &Path, tree: &mut Tree) {
             for entry in std::fs::read_dir(dir).unwrap() {
                 let path = entry.unwrap().path();
@@ -42,7 +42,7 @@ impl Tree {
         tree
     }
 
-    fn write(&self, root: &Path) {
+    pub fn write(&self, root: &Path) {
         let _ = std::fs::remove_dir_all(root);
         std::fs::create_dir_all(root).unwrap();
         for dir in &self.dirs {

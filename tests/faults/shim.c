@@ -7,6 +7,7 @@
  *   SHIM_AT        number of the operation that goes wrong, from 1
  *   SHIM_ERRNO     how: an errno; 0 for a transfer that comes short (half, at least 1 byte)
  *   SHIM_STICKY    all later operations of that name go wrong, too
+ *   SHIM_KILL      the process is killed instead, before the operation
  *   SHIM_CUT       a file that is cut to nothing before operation SHIM_AT; nothing fails then
  *   SHIM_SYNCED    a link; syncfs copies SHIM_OUT and lets it lead there: that is what the disk holds
  *   SHIM_OUT       see above
@@ -19,6 +20,7 @@
 #include <errno.h>
 #include <fcntl.h>
 #include <pthread.h>
+#include <signal.h>
 #include <stdarg.h>
 #include <stdatomic.h>
 #include <stdio.h>
@@ -37,7 +39,7 @@
 enum { GO, FAIL, SHORT };
 
 static const char *dir, *only, *cut, *synced, *out, *boot;
-static int log_fd = -1, code, sticky, hurry;
+static int log_fd = -1, code, sticky, killed, hurry;
 static long at;
 static char sticky_name[32];
 static atomic_long count;
@@ -58,6 +60,7 @@ __attribute__((constructor)) static void begin(void) {
   boot = getenv("SHIM_BOOT");
   hurry = getenv("SHIM_HURRY") != NULL;
   sticky = getenv("SHIM_STICKY") != NULL;
+  killed = getenv("SHIM_KILL") != NULL;
   if ((v = getenv("SHIM_AT"))) at = atol(v);
   if ((v = getenv("SHIM_ERRNO"))) code = atoi(v);
   if ((v = getenv("SHIM_LOG"))) {
@@ -82,6 +85,7 @@ static int verdict(const char *name, const char *path) {
   if (cut) {
     if (n == at && truncate(cut, 0) != 0) abort();
   } else if (n == at || (sticky && at && n > at && strcmp(name, sticky_name) == 0)) {
+    if (killed) raise(SIGKILL);
     strncpy(sticky_name, name, sizeof sticky_name - 1);
     result = code ? FAIL : SHORT;
   }

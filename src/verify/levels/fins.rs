@@ -1,7 +1,12 @@
 //! Fins: flat quadrilaterals in the planes of a node, and what lies under them.
 
-use super::borders::Point;
-use std::collections::HashMap;
+use super::borders::{Edge, Planes, Point};
+use super::read::{Part, surface_key};
+use crate::grid::LATTICE;
+use crate::manifest::NodeEntry;
+use crate::verify::code::Code;
+use crate::verify::report::{Issue, Issues};
+use std::collections::{BTreeSet, HashMap};
 
 /// A fin: a convex quadrilateral across an axis.
 #[derive(Debug, Clone, Copy)]
@@ -115,6 +120,97 @@ impl Fins {
             .values()
             .flatten()
             .any(|fin| !is_plane(fin.axis, fin.at))
+    }
+}
+
+/// What of the borders of a node and of those below it lies under its fins.
+pub(super) struct Covered<'a> {
+    pub entry: &'a NodeEntry,
+    pub planes: &'a Planes,
+    /// Vertices lie on multiples of so many lattice steps.
+    pub step: i32,
+    pub capped: bool,
+}
+
+impl Covered<'_> {
+    /// Checks the rows of fins of a node by its open edges and those of the nodes below, `before`.
+    pub fn check(
+        &self,
+        rows: &[Part],
+        open: &[(Edge, i32)],
+        before: Vec<Edge>,
+        issues: &mut Issues,
+    ) {
+        let mut fins = Fins::default();
+        for part in rows {
+            let surface = surface_key(part.ids[2], self.capped);
+            if !fins.add(surface, &part.triangles) {
+                let message = "found fins that are not flat quadrilaterals one after another";
+                return issues.add(Code::LodFins, &self.entry.path, message);
+            }
+        }
+        let planes = self.planes;
+        let inner = |a: usize, v: i32| {
+            (v == planes.low[a] && v > 0) || (v == planes.high[a] && v < planes.end[a])
+        };
+        if fins.any_outside(inner) {
+            let message = "found a fin in no plane between two nodes";
+            issues.add(Code::LodFins, &self.entry.path, message);
+        }
+        let steps = |voxels: f64| voxels * f64::from(LATTICE);
+        let width = steps(self.entry.fin_width);
+        // corners are rounded to steps, outwards
+        if fins.widest() > 2.0 * width + 6.0 * f64::from(self.step) {
+            let message = format!(
+                "found a fin wider than {} voxels",
+                2.0 * self.entry.fin_width
+            );
+            issues.add(Code::LodFins, &self.entry.path, message);
+        }
+        let before = before.into_iter();
+        if width == 0.0 {
+            // it has not moved, and has no fins
+            let own: BTreeSet<Edge> = open.iter().map(|(edge, _)| *edge).collect();
+            let moved = before.filter(|edge| !own.contains(edge));
+            return self.covered(&fins, moved, 0.0, Code::LodCurve, issues);
+        }
+        let shared = |edge: &Edge| planes.share(&edge.ends);
+        let own = open.iter().map(|(edge, _)| *edge).filter(shared);
+        self.covered(&fins, own, width, Code::LodFins, issues);
+        let margin = width - steps(self.entry.curve_gap);
+        self.covered(&fins, before, margin, Code::LodCurve, issues);
+    }
+
+    /// Reports edges in planes between nodes that do not lie so far inside of a fin.
+    fn covered(
+        &self,
+        fins: &Fins,
+        edges: impl Iterator<Item = Edge>,
+        margin: f64,
+        code: Code,
+        issues: &mut Issues,
+    ) {
+        let margin = (margin - 1e-6).max(0.0);
+        for edge in edges {
+            let mut planes = self.planes.holding(&edge.ends, false);
+            let mut any = false;
+            let covered = planes.any(|axis| {
+                any = true;
+                fins.cover(edge.surface, &edge.ends, axis, margin)
+            });
+            if any && !covered {
+                let [p, q] = edge.ends;
+                let what = match code {
+                    Code::LodCurve => "the border of a node below",
+                    _ => "the border",
+                };
+                let message = format!(
+                    "{what} runs from {p:?} to {q:?} (in 1/{LATTICE} voxel), and no fin covers {margin} on both sides \
+                     of it"
+                );
+                issues.push(Issue::new(code, &self.entry.path, message).at(p));
+            }
+        }
     }
 }
 

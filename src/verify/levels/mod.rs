@@ -18,6 +18,7 @@ mod entries;
 mod error;
 mod fins;
 mod node;
+mod read;
 mod tree;
 
 use super::closed::{self, Schema};
