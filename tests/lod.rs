@@ -645,6 +645,19 @@ fn words_of_trees_and_counts_of_nodes_are_compared() {
         in_tree("tileset.json", pointer, value);
     }
     in_tree(external, "/asset/tilesetVersion", "other".into());
+    for (path, factor) in [("tileset.json", 2.0), (external, 1.5)] {
+        let error = Levels(sound.path()).json(path)["geometricError"].as_f64();
+        in_tree(path, "/geometricError", (factor * error.unwrap()).into());
+    }
+    for edges in [0u64, 4_000_000_000] {
+        broken("border_edges", Code::LodValue, &|set| {
+            set.edit("lod/1/z0000.json", |shard| {
+                let stated = &mut nodes(shard)[0]["border_edges"];
+                assert_ne!(*stated, 0);
+                *stated = edges.into();
+            });
+        });
+    }
     broken("extras", Code::LodTileset, &|set| {
         let mut tree = set.json(external);
         tree["extras"] = serde_json::json!({"alvis": {}});
@@ -705,6 +718,66 @@ fn levels_that_cannot_be_read_are_replaced_and_finished_ones_stay() {
         said.len() == 1 && said[0].contains("nothing was done"),
         "{said:?}"
     );
+}
+
+/// Levels are finished only if all of their files are there.
+#[test]
+fn levels_without_some_of_their_files_are_not_finished() {
+    let dir = gyroid(Primitives::Strips);
+    made(dir.path(), &LodOptions::default());
+    let before = files(dir.path());
+    let resume = LodOptions {
+        resume: true,
+        ..LodOptions::default()
+    };
+    let external = before.keys().find(|n| n.starts_with("lod/tilesets/"));
+    let node = before
+        .keys()
+        .find(|n| n.starts_with("lod/1/") && n.ends_with(".glb"));
+    for name in [
+        "tileset.json",
+        "lod/2/z0000.json",
+        external.unwrap(),
+        node.unwrap(),
+    ] {
+        for cut in [None, Some(1)] {
+            let path = dir.path().join(name);
+            match cut {
+                None => fs::remove_file(&path).unwrap(),
+                Some(bytes) => fs::write(&path, &before[name][..bytes]).unwrap(),
+            }
+            let error = lod(dir.path(), &resume, &Quiet).unwrap_err().to_string();
+            assert!(error.contains(name) && error.contains("--force"), "{error}");
+            fs::write(&path, &before[name]).unwrap();
+        }
+    }
+    lod(dir.path(), &resume, &Quiet).unwrap();
+    assert_same_files(&before, &files(dir.path()), "finished");
+}
+
+/// What has the names of levels and is of none is somebody else's.
+#[test]
+fn what_is_of_no_levels_is_replaced_by_force_alone() {
+    let dir = gyroid(Primitives::Strips);
+    for name in ["tileset.json", "lod"] {
+        let path = dir.path().join(name);
+        match name {
+            "lod" => fs::create_dir(&path).unwrap(),
+            _ => fs::write(&path, "mine").unwrap(),
+        }
+        let error = lod(dir.path(), &LodOptions::default(), &Quiet).unwrap_err();
+        assert!(error.to_string().contains(name), "{error}");
+        assert!(path.exists() && !dir.path().join(".alvis-partial").exists());
+        if name == "tileset.json" {
+            assert_eq!(fs::read(&path).unwrap(), b"mine");
+            fs::remove_file(&path).unwrap();
+        }
+    }
+    let force = LodOptions {
+        force: true,
+        ..LodOptions::default()
+    };
+    made(dir.path(), &force);
 }
 
 /// Begins and stops after so many nodes, as a process that is killed does.

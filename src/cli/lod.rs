@@ -24,12 +24,12 @@ pub struct LodArgs {
     /// The directory of the tile set
     #[arg(value_hint = ValueHint::DirPath)]
     out: PathBuf,
-    /// Share of the triangles that a level keeps of the one below: 1/8, 0.2 or 20%
+    /// Share of the triangles that a level keeps of the one below, at most 1/2: 1/8, 0.2 or 20%
     ///
     /// Top levels of small sets keep more, often over half: a node may keep up to 1000.
     #[arg(long, value_name = "SHARE", default_value = "1/8", allow_hyphen_values = true, value_parser = share)]
     ratio: f64,
-    /// The most levels, the tiles counted [default: as many as lead to one root]
+    /// The most levels, the tiles counted: 2 to 32 [default: as many as lead to one root]
     #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = clap::value_parser!(u32).range(2..=32))]
     levels: Option<u32>,
     /// Pixels that an error may have on the screen in viewers of 3D Tiles with their usual settings, 0.001 to 1000
@@ -78,7 +78,11 @@ pub fn make(out: &Path, options: &LodOptions, console: &Console) -> Result<LodRe
     keep_large_buffers();
     lod(out, options, console).inspect_err(|e| {
         if matches!(e, Error::Interrupted) {
-            console.note("no level of detail was begun yet, so nothing of them is kept");
+            console.note(&format!(
+                "no level of detail was begun yet, so nothing of them is kept; the tiles are there and whole: \
+                 `alvis lod {}` adds levels",
+                output::shell(out)
+            ));
         }
     })
 }

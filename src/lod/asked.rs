@@ -1,13 +1,18 @@
 //! What is asked for of levels, and whether those that are there are it.
 
+use super::tileset_json::has_tileset;
 use super::work::Identity;
 use crate::error::{Error, Result};
-use crate::manifest::{LEVELS, Levels};
-use crate::tileset::TileSet;
+use crate::manifest::{LEVELS, Levels, NodeShard, TILESET, tileset_path};
+use crate::tileset::{LOD, TileSet};
+use serde::de::IgnoredAny;
 use std::path::Path;
 
 /// Pixels that an error may have: beyond these a viewer shows all tiles, or the root alone, however far away.
 const PIXEL_ERRORS: [f64; 2] = [0.001, 1000.0];
+
+/// What helps against damaged levels.
+const ANEW: &str = "--force makes the levels of detail anew; the tiles stay as they are";
 
 /// How levels are made.
 #[derive(Debug, Clone, Copy)]
@@ -108,7 +113,6 @@ pub fn kept_levels(set: &TileSet, options: &LodOptions) -> Result<Option<Levels>
         return Ok(None);
     }
     set.levels().map_err(|error| {
-        let hint = "--force makes the levels of detail anew; the tiles stay as they are";
         match error {
             Error::Io { .. } => {
                 let path = set.dir().join(LEVELS);
@@ -120,7 +124,7 @@ pub fn kept_levels(set: &TileSet, options: &LodOptions) -> Result<Option<Levels>
             }
             other => other,
         }
-        .with_hint(hint)
+        .with_hint(ANEW)
     })
 }
 
@@ -156,6 +160,66 @@ pub fn check_kept(levels: &Levels, set: &TileSet, options: &LodOptions) -> Resul
         found,
         expected,
     ))
+}
+
+/// Refuses levels that are there and finished if files of theirs are not as the lists say: only their sizes are looked at.
+///
+/// # Errors
+/// [`Error::Format`].
+pub fn check_files(levels: &Levels, set: &TileSet) -> Result<()> {
+    check_tree(set, TILESET)?;
+    for level in &levels.levels {
+        for layer in &level.layers {
+            check_size(set, &layer.path, layer.bytes)?;
+            let shard = NodeShard::open(set.dir(), level.level, layer);
+            for node in shard.map_err(|e| e.with_hint(ANEW))?.nodes {
+                check_size(set, &node.path, node.bytes)?;
+                if has_tileset(level.level, levels.levels.len() as u32) {
+                    check_tree(set, &tileset_path(level.level, node.grid))?;
+                }
+            }
+        }
+    }
+    Ok(())
+}
+
+fn check_size(set: &TileSet, path: &str, bytes: u64) -> Result<()> {
+    let file = set.dir().join(path);
+    let found = match file.metadata() {
+        Ok(found) if found.len() == bytes => return Ok(()),
+        Ok(found) => format!("{} bytes", found.len()),
+        Err(e) => format!("none that can be read ({e})"),
+    };
+    Err(Error::format(file, found, format!("{bytes} bytes")).with_hint(ANEW))
+}
+
+fn check_tree(set: &TileSet, path: &str) -> Result<()> {
+    let file = set.dir().join(path);
+    let found = match std::fs::read(&file).map(|text| serde_json::from_slice::<IgnoredAny>(&text)) {
+        Ok(Ok(_)) => return Ok(()),
+        Ok(Err(e)) => e.to_string(),
+        Err(e) => format!("none that can be read ({e})"),
+    };
+    Err(Error::format(file, found, "a tree of the levels").with_hint(ANEW))
+}
+
+/// Refuses to replace what has the names of levels and belongs to none of this set, unless by force.
+///
+/// # Errors
+/// [`Error::Usage`].
+pub fn check_free(set: &TileSet, options: &LodOptions) -> Result<()> {
+    if options.force || set.manifest().lod.is_some() {
+        return Ok(());
+    }
+    let there = |name: &&str| set.dir().join(name).symlink_metadata().is_ok();
+    match [TILESET, LOD].iter().find(|name| there(name)) {
+        None => Ok(()),
+        Some(name) => Err(Error::usage(
+            set.dir().display().to_string(),
+            format!("{name}, which is of no levels of this set"),
+            "none; move it away, or give --force to replace it",
+        )),
+    }
 }
 
 /// Options as they are typed.

@@ -1,6 +1,8 @@
 //! All levels of a tile set, one after another.
 
-use super::asked::{LodOptions, check, check_begun, check_kept, check_tiles, kept_levels};
+use super::asked::{
+    LodOptions, check, check_begun, check_files, check_free, check_kept, check_tiles, kept_levels,
+};
 use super::entry::{Entry, memory};
 use super::level::{LevelPlan, Made, Maker, families, tiling, write_shard};
 use super::tileset_json;
@@ -103,6 +105,7 @@ pub fn lod(out: &Path, options: &LodOptions, progress: &dyn Progress) -> Result<
             return Ok(report);
         }
     }
+    check_free(&set, options)?;
     let goes_on = take_up(&mut work, &manifest, options, progress, out)?;
     let mut run = Run {
         set: &set,
@@ -114,23 +117,20 @@ pub fn lod(out: &Path, options: &LodOptions, progress: &dyn Progress) -> Result<
         done: 0,
         nodes: AtomicU64::new(0),
     };
-    let levels = match run.levels() {
-        Ok(levels) => levels,
-        Err(error) => {
-            let keep = goes_on || run.is_anything_done();
-            work.keep(keep);
-            return Err(if keep {
-                run.resumable(error, out)
-            } else {
-                error
-            });
+    let made = run.levels().and_then(|levels| {
+        let count = levels.levels.len() as u32 + 1;
+        work.keep_levels(count)?;
+        let beside = run.finish(&levels)?;
+        work.publish(manifest.clone(), count)?;
+        Ok(report(&levels, &manifest, beside, start))
+    });
+    let report = made.map_err(|error| match goes_on || run.is_anything_done() {
+        true => {
+            work.keep(true);
+            run.resumable(error, out)
         }
-    };
-    let count = levels.levels.len() as u32 + 1;
-    work.keep_levels(count)?;
-    let beside = run.finish(&levels)?;
-    let report = report(&levels, &manifest, beside, start);
-    work.publish(manifest, count)?;
+        false => error,
+    })?;
     Ok(LodReport {
         bytes_written: report.bytes,
         seconds: start.elapsed().as_secs_f64(),
@@ -145,6 +145,7 @@ fn finished(set: &TileSet, options: &LodOptions, start: Instant) -> Result<Optio
         return Ok(None);
     };
     check_kept(&levels, set, options)?;
+    check_files(&levels, set)?;
     let manifest = set.manifest();
     let index = manifest.lod.as_ref().map_or(0, |index| index.bytes);
     let beside = index + bytes_of_shards(&levels) + tileset_json::bytes(set.dir());

@@ -15,6 +15,11 @@ use std::path::Path;
 
 /// Levels from one tileset to the next.
 const TOGETHER: u32 = 3;
+
+/// True if each node of a level has a tileset of its own, where there are so many levels above the tiles.
+pub fn has_tileset(level: u32, top: u32) -> bool {
+    level < top && level.is_multiple_of(TOGETHER)
+}
 /// The least half of a side of a box in voxels: none is flat.
 const THIN: f64 = 1e-3;
 

@@ -78,8 +78,8 @@ impl Work {
         };
         if tileset::interrupted(out).is_some() {
             return Err(Error::usage(
-                "OUT",
-                format!("an interrupted conversion in {}", out.display()),
+                out.display().to_string(),
+                "an interrupted conversion",
                 format!(
                     "a tile set that is finished: the `alvis convert` that was interrupted, typed again with --resume, goes \
                      on with it; removing {} drops it",
@@ -162,7 +162,7 @@ impl Work {
     ///
     /// # Errors
     /// [`Error::Io`].
-    pub fn publish(mut self, mut manifest: Manifest, levels: u32) -> Result<()> {
+    pub fn publish(&mut self, mut manifest: Manifest, levels: u32) -> Result<()> {
         let path = self.dir.join(LEVELS);
         let failed = |e| Error::io(&path, "read back", e);
         let (bytes, crc) = File::open(&path)

@@ -73,7 +73,8 @@ pub struct Level {
     pub fin_triangles: u64,
     /// Vertices, those of fins counted.
     pub vertices: u64,
-    /// Edges of borders that two nodes share, counted in each.
+    /// Edges of the curves in which nodes meet, counted in each: one for each fin that is no point, also where collapsed
+    /// triangles left none at it.
     pub border_edges: u64,
     /// Cells that have a triangle.
     pub cells: u64,
@@ -130,7 +131,7 @@ pub struct NodeEntry {
     pub strips: u64,
     /// Index entries in the file.
     pub indices: u64,
-    /// Edges of the border that it shares with others.
+    /// Edges of the curves in which it meets others, some of which no triangle of its has any more.
     pub border_edges: u64,
     /// Size of the file.
     pub bytes: u64,

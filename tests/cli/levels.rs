@@ -248,3 +248,37 @@ fn a_conversion_names_what_replaces_other_levels() {
         "anew",
     );
 }
+
+/// A disk that is full only for what is written last, the tree and the indexes, costs none of the nodes.
+#[cfg(target_os = "linux")]
+#[test]
+fn what_cannot_be_written_in_the_end_leaves_the_nodes() {
+    let dir = temp();
+    let dir = dir.path();
+    let ok = |line: &str| ok(dir, &line.split(' ').collect::<Vec<_>>());
+    ok("phantom foam a.mhd --dims 64,64,64 --quiet");
+    ok("convert a.mhd out --threshold 127.5 --macrocube 8 --for web --quiet");
+    copy_all(&dir.join("out"), &dir.join("whole"));
+    ok("lod whole --quiet");
+    // files of at most 40 KiB: no node is larger, the tree is
+    let limited = format!(
+        "trap '' XFSZ; ulimit -f 40; exec {} lod out --threads 1",
+        env!("CARGO_BIN_EXE_alvis")
+    );
+    let run = std::process::Command::new("bash");
+    let output = { run }.args(["-c", &limited]).current_dir(dir).output();
+    let output = output.unwrap();
+    assert_eq!(output.status.code(), Some(2), "{}", stderr(&output));
+    let said = stderr(&output);
+    assert!(said.contains("layers are done and kept"), "{said}");
+    assert!(said.contains("tileset.json"), "{said}");
+    let nodes = || files(&dir.join("out/.alvis-partial/lod"));
+    assert!(nodes().keys().any(|name| name.ends_with(".glb")));
+    let said = stderr(&alvis(dir, &["lod", "out", "--resume"]));
+    assert!(!said.contains("anew"), "{said}");
+    assert_same_files(
+        &files(&dir.join("whole")),
+        &files(&dir.join("out")),
+        "gone on with",
+    );
+}

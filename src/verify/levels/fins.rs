@@ -150,6 +150,16 @@ impl Covered<'_> {
             }
         }
         let planes = self.planes;
+        let edges = open.iter().filter(|(edge, _)| planes.share(&edge.ends));
+        let (least, most) = (edges.count() as u64, self.entry.fin_triangles / 2);
+        let stated = self.entry.border_edges;
+        // edges that have become points have fins, too, and some edges no triangle any more
+        if stated < least || stated > most && self.entry.fin_width > 0.0 {
+            let message = format!(
+                "found {stated} edges of the border, expected {least} that triangles have to {most} that have a fin"
+            );
+            issues.add(Code::LodValue, &self.entry.path, message);
+        }
         let inner = |a: usize, v: i32| {
             (v == planes.low[a] && v > 0) || (v == planes.high[a] && v < planes.end[a])
         };

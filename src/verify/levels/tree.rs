@@ -136,6 +136,13 @@ pub(super) fn check(set: &Set, levels: &Levels, issues: &mut Issues) -> Result<(
     foreign(set.root, "lod/tilesets", known, issues)
 }
 
+/// The error of a tileset with this root: a viewer shows nothing of one whose error is small on the screen.
+fn top_error(root: &Tile) -> f64 {
+    let squares = root.volume.sides[3..].iter().map(|v| v * v);
+    let diagonal = 2.0 * squares.sum::<f64>().sqrt();
+    diagonal.max(1.0001 * root.error)
+}
+
 fn wrong(path: &str, message: impl Into<String>, issues: &mut Issues) {
     issues.add(Code::LodTileset, path, message);
 }
@@ -173,9 +180,19 @@ impl Walk<'_> {
         };
         let root = &document.root;
         let frame = document.asset.version == "1.1" && root.refine.as_deref() == Some("REPLACE");
-        if !frame || document.error <= root.error {
-            let message =
-                "expected version 1.1, REPLACE at the root, and an error above that of the root";
+        if !frame {
+            wrong(
+                path,
+                "expected version 1.1, and REPLACE at the root",
+                issues,
+            );
+        }
+        let error = top_error(root);
+        if (document.error - error).abs() > 1e-9 * error {
+            let message = format!(
+                "found the error {}, expected {error}: the diagonal of the root's box, or a little more than its error",
+                document.error
+            );
             wrong(path, message, issues);
         }
         self.check_words(path, &document, issues);
