@@ -47,5 +47,7 @@ pub(super) fn give_up_moving(out: &Path, work: &Path) -> Result<()> {
         remove_if_there(&out.join(TILESET))?;
         remove_if_there(&out.join(LOD))?;
     }
+    // what is left of them is none that were begun
+    remove_if_there(&work.join(LEVELS_STATE))?;
     remove_if_there(&marker)
 }

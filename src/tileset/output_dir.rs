@@ -418,6 +418,7 @@ impl Output {
     }
 
     fn remove_work(&mut self) -> Result<()> {
+        give_up_moving(&self.out, &self.work)?;
         self.empty()?;
         // whoever takes the lock from here on makes a directory of its own
         remove_if_there(&self.work.join(LOCK))?;
