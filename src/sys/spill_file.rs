@@ -193,10 +193,10 @@ impl SpillFile {
             return Ok(());
         }
         let buffer = std::mem::take(&mut self.buffer);
-        self.write(&buffer)?;
+        let written = self.write(&buffer);
         self.buffer = buffer;
-        self.buffer.clear();
-        Ok(())
+        // else it stays: others may have been told where it will lie
+        written.inspect(|()| self.buffer.clear())
     }
 
     fn write(&mut self, bytes: &[u8]) -> Result<()> {
@@ -294,6 +294,20 @@ impl SpillFile {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn what_could_not_be_written_stays_for_the_next_time() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("spool");
+        std::fs::write(&path, b"").unwrap();
+        let mut spool = SpillFile::on(File::open(&path).unwrap(), &path);
+        let place = spool.push(&[1u32, 2, 3]).unwrap();
+        assert!(spool.mark().is_err());
+        let writable = OpenOptions::new().read(true).write(true).open(&path);
+        spool.file = writable.unwrap();
+        assert_eq!(spool.mark().unwrap().len, 12);
+        assert_eq!(spool.get(&place).unwrap(), [1, 2, 3]);
+    }
 
     #[test]
     fn arrays_come_back_as_they_went() {
