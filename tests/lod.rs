@@ -751,6 +751,18 @@ fn levels_without_some_of_their_files_are_not_finished() {
             fs::write(&path, &before[name]).unwrap();
         }
     }
+    // a pipe is not waited for
+    #[cfg(unix)]
+    {
+        let path = dir.path().join("tileset.json");
+        fs::remove_file(&path).unwrap();
+        let made = std::process::Command::new("mkfifo").arg(&path).status();
+        assert!(made.unwrap().success());
+        let error = lod(dir.path(), &resume, &Quiet).unwrap_err().to_string();
+        assert!(error.contains("tileset.json"), "{error}");
+        fs::remove_file(&path).unwrap();
+        fs::write(&path, &before["tileset.json"]).unwrap();
+    }
     lod(dir.path(), &resume, &Quiet).unwrap();
     assert_same_files(&before, &files(dir.path()), "finished");
 }

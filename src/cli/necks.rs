@@ -91,17 +91,17 @@ pub fn print_curve(
     as_json: bool,
     warn: impl FnOnce(&str),
 ) -> Result<Outcome> {
-    let Some(PartsBy::Split {
-        ratio_permille,
-        curve,
-        ..
-    }) = &manifest.cells
+    let Some(
+        parts @ PartsBy::Split {
+            ratio_permille,
+            curve,
+            ..
+        },
+    ) = &manifest.cells
     else {
         return Err(no_curve(dir, manifest));
     };
-    let in_region = manifest.region.is_some();
-    let parts = manifest.cells.as_ref();
-    if let Some(warning) = parts.and_then(|p| p.warning(manifest.totals.cells, in_region)) {
+    if let Some(warning) = parts.warning(manifest.totals.cells, manifest.region.is_some()) {
         warn(&warning);
     }
     let ratio = |permille: u64| permille as f64 / 1000.0;

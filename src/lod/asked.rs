@@ -3,9 +3,8 @@
 use super::tileset_json::has_tileset;
 use super::work::Identity;
 use crate::error::{Error, Result};
-use crate::manifest::{LEVELS, Levels, NodeShard, TILESET, tileset_path};
+use crate::manifest::{LEVELS, Levels, NodeShard, TILESET, check_json, tileset_path};
 use crate::tileset::{LOD, TileSet};
-use serde::de::IgnoredAny;
 use std::path::Path;
 
 /// Pixels that an error may have: beyond these a viewer shows all tiles, or the root alone, however far away.
@@ -112,20 +111,20 @@ pub fn kept_levels(set: &TileSet, options: &LodOptions) -> Result<Option<Levels>
     if options.force {
         return Ok(None);
     }
-    set.levels().map_err(|error| {
-        match error {
-            Error::Io { .. } => {
-                let path = set.dir().join(LEVELS);
-                Error::format(
-                    path,
-                    format!("none that can be read ({error})"),
-                    "an index of levels",
-                )
-            }
-            other => other,
+    set.levels()
+        .map_err(|error| damaged(set, LEVELS, error, "an index of levels"))
+}
+
+/// What is said of a file of levels that cannot be taken.
+fn damaged(set: &TileSet, path: &str, error: Error, expected: &str) -> Error {
+    match error {
+        Error::Io { .. } => {
+            let found = format!("none that can be read ({error})");
+            Error::format(set.dir().join(path), found, expected)
         }
-        .with_hint(ANEW)
-    })
+        other => other,
+    }
+    .with_hint(ANEW)
 }
 
 /// Refuses levels that are there, unless they are those that are asked for and going on with them was: then nothing is to be
@@ -172,7 +171,8 @@ pub fn check_files(levels: &Levels, set: &TileSet) -> Result<()> {
         for layer in &level.layers {
             check_size(set, &layer.path, layer.bytes)?;
             let shard = NodeShard::open(set.dir(), level.level, layer);
-            for node in shard.map_err(|e| e.with_hint(ANEW))?.nodes {
+            let shard = shard.map_err(|e| damaged(set, &layer.path, e, "a list of nodes"))?;
+            for node in shard.nodes {
                 check_size(set, &node.path, node.bytes)?;
                 if has_tileset(level.level, levels.levels.len() as u32) {
                     check_tree(set, &tileset_path(level.level, node.grid))?;
@@ -194,13 +194,8 @@ fn check_size(set: &TileSet, path: &str, bytes: u64) -> Result<()> {
 }
 
 fn check_tree(set: &TileSet, path: &str) -> Result<()> {
-    let file = set.dir().join(path);
-    let found = match std::fs::read(&file).map(|text| serde_json::from_slice::<IgnoredAny>(&text)) {
-        Ok(Ok(_)) => return Ok(()),
-        Ok(Err(e)) => e.to_string(),
-        Err(e) => format!("none that can be read ({e})"),
-    };
-    Err(Error::format(file, found, "a tree of the levels").with_hint(ANEW))
+    let expected = "a tree of the levels";
+    check_json(set.dir(), path, expected).map_err(|e| damaged(set, path, e, expected))
 }
 
 /// Refuses to replace what has the names of levels and belongs to none of this set, unless by force.

@@ -15,13 +15,13 @@ use std::path::Path;
 
 /// Levels from one tileset to the next.
 const TOGETHER: u32 = 3;
+/// The least half of a side of a box in voxels: none is flat.
+const THIN: f64 = 1e-3;
 
 /// True if each node of a level has a tileset of its own, where there are so many levels above the tiles.
 pub fn has_tileset(level: u32, top: u32) -> bool {
-    level < top && level.is_multiple_of(TOGETHER)
+    (1..top).contains(&level) && level.is_multiple_of(TOGETHER)
 }
-/// The least half of a side of a box in voxels: none is flat.
-const THIN: f64 = 1e-3;
 
 /// The tree that is to be written.
 pub struct Tree<'a> {
@@ -60,10 +60,10 @@ impl Tree<'_> {
     /// # Errors
     /// [`Error::Io`]; [`Error::Format`] if a shard of the tiles is damaged.
     pub fn write(&self) -> Result<u64> {
-        let top = self.levels.levels.len() as u32;
+        let top = self.top();
         let dir = self.work.join("lod/tilesets");
         let mut bytes = 0;
-        for level in (TOGETHER..top).step_by(TOGETHER as usize) {
+        for level in (1..top).filter(|&level| has_tileset(level, top)) {
             std::fs::create_dir_all(&dir)
                 .map_err(|e| Error::io(&dir, "create the directory", e))?;
             bytes += self.tilesets(level)?;
@@ -72,6 +72,11 @@ impl Tree<'_> {
         let roots = self.places(top, &mut layers)?;
         let document = self.root(top, roots, &mut layers)?;
         Ok(bytes + put(&self.work.join(TILESET), &document)?)
+    }
+
+    /// The coarsest level.
+    fn top(&self) -> u32 {
+        self.levels.levels.len() as u32
     }
 
     /// Writes the tileset of each node of a level.
@@ -168,7 +173,7 @@ impl Tree<'_> {
     /// from the tileset's directory to that of the levels' parent.
     fn tile(&self, at: At, is_root: bool, up: &str, layers: &mut Layers) -> Result<Value> {
         let entry = self.entry(at, layers)?;
-        let is_external = !is_root && at.level > 0 && at.level.is_multiple_of(TOGETHER);
+        let is_external = !is_root && has_tileset(at.level, self.top());
         // beside the tilesets in `lod/tilesets`, or below the root of the set
         let uri = match (up.is_empty(), is_external) {
             (true, true) => format!("lod/{}", external(at)),

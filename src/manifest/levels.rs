@@ -6,7 +6,7 @@
 use super::{Bounds, Generator, Manifest, file_inside};
 use crate::error::{Error, Result};
 use crate::store::File;
-use serde::de::DeserializeOwned;
+use serde::de::{DeserializeOwned, IgnoredAny};
 use serde::{Deserialize, Serialize};
 use std::io::BufReader;
 use std::path::Path;
@@ -228,6 +228,14 @@ impl NodeShard {
         }
         Ok(shard)
     }
+}
+
+/// Refuses a file of the tile set in `dir` that holds no JSON.
+///
+/// # Errors
+/// [`Error::Io`]; [`Error::Format`], which says `what` was expected.
+pub(crate) fn check_json(dir: &Path, path: &str, what: &str) -> Result<()> {
+    parse::<IgnoredAny>(dir, path, what).map(|_| ())
 }
 
 /// Reads a JSON file of the tile set in `dir`.

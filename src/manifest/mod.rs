@@ -22,7 +22,7 @@ pub use levels::{
     DEFAULT_PIXELS, LEVELS, LEVELS_FORMAT, LEVELS_VERSION, Level, Levels, LevelsEntry, NodeEntry,
     NodeShard, TILESET,
 };
-pub(crate) use levels::{level_file, node_path, node_shard_path, tileset_path};
+pub(crate) use levels::{check_json, level_file, node_path, node_shard_path, tileset_path};
 pub use open::{MANIFEST, PARTIAL, file_inside, inside, is_plain, manifest_file};
 pub use parts_by::{PartsBy, SPLIT_VERSION};
 pub(crate) use seal::{checksum_of, own_checksum, sums_of};

@@ -1,7 +1,7 @@
 //! The entries of nodes and of what lies below them.
 
 use super::Set;
-use crate::manifest::{Bounds, Layer, Level, NodeEntry, NodeShard};
+use crate::manifest::{Bounds, Layer, Level, NodeEntry, NodeShard, node_path, node_shard_path};
 use crate::verify::closed;
 use crate::verify::code::Code;
 use crate::verify::files::Expected;
@@ -72,7 +72,7 @@ pub(super) fn layer(
     at: &str,
     issues: &mut Issues,
 ) -> Option<Vec<NodeEntry>> {
-    let named = format!("lod/{}/z{:04}.json", level.level, layer.z);
+    let named = node_shard_path(level.level, layer.z);
     if layer.path != named {
         let message = format!("found {}, expected {named}", layer.path);
         issues.add(Code::PathName, format!("{at}/path"), message);
@@ -87,9 +87,8 @@ pub(super) fn layer(
     let shard: NodeShard = set.json(&expected, &closed::NODES, issues)?;
     let place = |n: &NodeEntry| [n.grid[1], n.grid[0]];
     let inside = |n: &NodeEntry| {
-        let [x, y, z] = n.grid;
-        let path = format!("lod/{}/z{z:04}/y{y:04}_x{x:04}.glb", level.level);
-        (0..3).all(|a| n.grid[a] < level.grid[a]) && z == layer.z && n.path == path
+        let path = node_path(level.level, n.grid);
+        (0..3).all(|a| n.grid[a] < level.grid[a]) && n.grid[2] == layer.z && n.path == path
     };
     let rising = shard.nodes.windows(2).all(|w| place(&w[0]) < place(&w[1]));
     let same = (shard.level, shard.z) == (level.level, layer.z);

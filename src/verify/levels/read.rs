@@ -4,7 +4,7 @@ use super::Set;
 use super::borders::{Edge, Planes, Point, Sums};
 use super::entries::Family;
 use crate::grid::LATTICE;
-use crate::manifest::{Level, NodeEntry};
+use crate::manifest::{Level, NodeEntry, node_shard_path};
 use crate::sys::direct_io::Buffer;
 use crate::tile::node::{SurfacePart, parts_of_pieces};
 use crate::tile::read::{PieceIds, Tile};
@@ -69,7 +69,7 @@ pub(super) struct Reader<'a> {
 impl Reader<'_> {
     /// Reads a node and compares it with its entry; `None` if it cannot be looked at further.
     pub fn node(&mut self, entry: &NodeEntry, issues: &mut Issues) -> Option<Node> {
-        let shard = format!("lod/{}/z{:04}.json", self.level.level, entry.grid[2]);
+        let shard = node_shard_path(self.level.level, entry.grid[2]);
         let expected = Expected {
             path: &entry.path,
             bytes: entry.bytes,

@@ -4,7 +4,7 @@
 use super::entries::{self, Child};
 use super::{Below, Set, layer_below};
 use crate::error::Result;
-use crate::manifest::{Levels, TILESET};
+use crate::manifest::{Levels, TILESET, tileset_path};
 use crate::verify::code::Code;
 use crate::verify::foreign::foreign;
 use crate::verify::report::Issues;
@@ -288,8 +288,8 @@ impl Walk<'_> {
         own: &Child,
         issues: &mut Issues,
     ) {
-        let (level, [x, y, z]) = at;
-        let named = format!("lod/tilesets/{level}_z{z}_y{y}_x{x}.json");
+        let (level, place) = at;
+        let named = tileset_path(level, place);
         if uri != named || path == named || !tile.children.is_empty() {
             let message = format!("found {uri} for {}, expected it or {named}", own.path);
             return wrong(path, message, issues);
